@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner is told about fingers, contacts and the search; defaults are the paper's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from microhand_planner.core.errors import InvalidNumber, InvalidParameter
+
+
+def check_number(
+    field: str,
+    value: float,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+) -> float:
+    """Return `value` as a float if it is a number within ``[low, high]``.
+
+    Parameters
+    ----------
+    field : str
+        Name of the value, as the user writes it.
+    value : float
+        The value to check.
+    low, high : float
+        Allowed range, ends included.
+    low_open : bool
+        True: `low` itself is not allowed.
+
+    Raises
+    ------
+    InvalidNumber
+        `value` is NaN or infinite.
+    InvalidParameter
+        `value` is outside the range.
+
+    Examples
+    --------
+    >>> check_number('friction', 0.3, low=0.0, high=2.0)
+    0.3
+    """
+    allowed = f'a number {">" if low_open else ">="} {low:g}'
+    if math.isfinite(high):
+        allowed += f' and <= {high:g}'
+    if not math.isfinite(value):
+        raise InvalidNumber(field, value, allowed)
+    if value < low or value > high or (low_open and value == low):
+        raise InvalidParameter(field, value, allowed)
+    return float(value)
+
+
+class Mode(Enum):
+    """How the planar problem is made discrete."""
+
+    ROBUST = 'robust'
+    """Exact phases: fingers never slip to the next lattice point; any goal angle."""
+    PAPER = 'paper'
+    """The lattice of [Kumar2021]: contacts and angles in multiples of the step."""
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Adhesive Coulomb contact, ``|f_t| <= friction (f_n + pull_off)`` ([Kumar2021] Eq. 1).
+
+    Parameters
+    ----------
+    friction : float
+        Coulomb coefficient µ [-].
+    pull_off_uN : float
+        Force that detaches a tip [µN].
+    max_force_uN : float
+        Largest normal force of a tip [µN].
+    adhesion : bool
+        False: nothing sticks, and `pull_off_uN` is ignored.
+    """
+
+    friction: float = 0.3
+    pull_off_uN: float = 1.5
+    max_force_uN: float = 30.0
+    adhesion: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_number('friction', self.friction, low=0.0, high=2.0)
+        check_number('pull-off', self.pull_off_uN, low=0.0, high=1e3)
+        check_number('max-force', self.max_force_uN, low=0.0, high=1e4, low_open=True)
+
+    @property
+    def stick_uN(self) -> float:
+        """The pull-off force that counts [µN]: zero without adhesion."""
+        return self.pull_off_uN if self.adhesion else 0.0
+
+
+@dataclass(frozen=True)
+class Finger:
+    """A spherical finger tip.
+
+    Parameters
+    ----------
+    radius_um : float
+        Radius of the tip [µm].
+    clearance_um : float
+        Free distance kept between two tips [µm], on top of not overlapping.
+    """
+
+    radius_um: float = 4.5
+    clearance_um: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_number('finger-radius', self.radius_um, low=0.01, high=1e4)
+        check_number('clearance', self.clearance_um, low=0.0, high=1e4)
+
+    @property
+    def min_distance_um(self) -> float:
+        """Smallest distance between two tip centres [µm]."""
+        return 2.0 * self.radius_um + self.clearance_um
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How finely and how long to search.
+
+    Parameters
+    ----------
+    step_rad : float
+        Largest rotation between two chances to regrasp, Δθ [rad].
+    mode : Mode
+        Robust or paper mode.
+    time_limit_s : float or None
+        Wall time after which the search gives up [s]; None: no limit.
+    """
+
+    step_rad: float = math.radians(20.0)
+    mode: Mode = Mode.ROBUST
+    time_limit_s: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_number('step-deg', math.degrees(self.step_rad), low=0.1, high=90.0)
+        if self.time_limit_s is not None:
+            check_number('time-limit', self.time_limit_s, low=0.0, low_open=True)

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sections given by formulas: ellipses, polygons, and the paper's convex and concave outlines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from microhand_planner.core.arc_spline import arc_spline
+from microhand_planner.core.parameters import check_number
+from microhand_planner.core.section import Plane, Section
+
+FloatArray = NDArray[np.float64]
+
+
+def parametric_section(
+    plane: Plane,
+    point_um: Callable[[FloatArray], FloatArray],
+    derivative_um: Callable[[FloatArray], FloatArray],
+    spans: int = 512,
+) -> Section:
+    """Turn a smooth closed curve t ↦ point, t in [0, 2π), counter-clockwise, into a section.
+
+    Parameters
+    ----------
+    plane : Plane
+        Where the section lies.
+    point_um, derivative_um : callable
+        Parameters (n,) to points and to derivatives by t, (n, 2) [µm].
+    spans : int
+        Biarcs that stand for the curve.
+    """
+    t = np.arange(spans) * (2.0 * math.pi / spans)
+    tangent = derivative_um(t)
+    normal_angle = np.unwrap(np.arctan2(-tangent[:, 0], tangent[:, 1]))
+    points, angles, _ = arc_spline(point_um(t), normal_angle)
+    return Section(plane, points, angles)
+
+
+def ellipse_section(a_um: float, b_um: float, plane: Plane) -> Section:
+    """Return the ellipse with semi-axes `a_um` along u and `b_um` along v.
+
+    Examples
+    --------
+    >>> from microhand_planner.core.section import XY_PLANE
+    >>> round(ellipse_section(10.0, 10.0, XY_PLANE).perimeter_um / (2.0 * math.pi), 9)
+    10.0
+    """
+    check_number('ellipse_um', a_um, low=0.0, low_open=True)
+    check_number('ellipse_um', b_um, low=0.0, low_open=True)
+    return parametric_section(
+        plane,
+        lambda t: np.column_stack([a_um * np.cos(t), b_um * np.sin(t)]),
+        lambda t: np.column_stack([-a_um * np.sin(t), b_um * np.cos(t)]),
+    )

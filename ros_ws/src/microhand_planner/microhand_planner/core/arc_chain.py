@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arcs of a section with the offset arcs that a tip's centre runs on while it rolls over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from microhand_planner.core.section import Section
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_TURN_RAD = 0.2
+
+
+@dataclass(frozen=True)
+class ArcChain:
+    """A run of arcs, each given by its start; one row per arc.
+
+    Parameters
+    ----------
+    contact_um : (k, 2) array
+        Where the tip touches at the start of the arc, plane coordinates [µm].
+    normal_angle_rad : (k,) array
+        Outward normal there [rad].
+    turn_rad : (k,) array
+        How far the normal turns along the arc [rad]; negative in a hollow.
+    arc_length_um : (k,) array
+        Length of the arc on the outline [µm]; 0 at a corner.
+    """
+
+    contact_um: FloatArray
+    normal_angle_rad: FloatArray
+    turn_rad: FloatArray
+    arc_length_um: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of arcs."""
+        return len(self.turn_rad)
+
+    def points(
+        self, row: NDArray[np.intp], fraction: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return contacts (q, 2) [µm] and normals (q, 2) at a fraction 0..1 of arcs `row`."""
+        turn = fraction * self.turn_rad[row]
+        angle = self.normal_angle_rad[row] + turn
+        middle = angle - 0.5 * turn
+        chord_um = fraction * self.arc_length_um[row] * np.sinc(turn / (2.0 * np.pi))
+        tangent = np.column_stack([-np.sin(middle), np.cos(middle)])
+        contact_um = self.contact_um[row] + chord_um[:, None] * tangent
+        return contact_um, np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def clip(
+        self, row: NDArray[np.intp], start: FloatArray, end: FloatArray
+    ) -> ArcChain:
+        """Return the parts of arcs `row` between two fractions each."""
+        contact_um, _ = self.points(row, start)
+        share = end - start
+        return ArcChain(
+            contact_um,
+            self.normal_angle_rad[row] + start * self.turn_rad[row],
+            share * self.turn_rad[row],
+            share * self.arc_length_um[row],
+        )
+
+    def offset_length_um(self, radius_um: float) -> FloatArray:
+        """Return the path of a tip's centre over each arc, (k,) [µm], signed.
+
+        Negative where the hollow is narrower than the tip: there the path of the centre runs
+        backwards, which no tip can do.
+        """
+        return self.arc_length_um + radius_um * self.turn_rad
+
+
+def section_arcs(section: Section) -> ArcChain:
+    """Return the arcs of a section, none of which turns by more than 0.2 rad."""
+    parts = np.ceil(np.abs(section.turn_rad) / LARGEST_TURN_RAD).astype(np.intp)
+    parts = np.maximum(parts, 1)
+    row = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+    whole = ArcChain(
+        section.points_um, section.normal_angle_rad, section.turn_rad, section.arc_length_um
+    )
+    share = 1.0 / parts[row]
+    return whole.clip(row, number * share, (number + 1) * share)

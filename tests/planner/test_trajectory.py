@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Timed trajectories: at rest at both ends, through the waypoints, within speed and travel."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from microhand_planner.core.errors import InvalidPlan, TravelExceeded
+from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.plan import Plan, Step, StepKind
+from microhand_planner.core.pose import Pose
+from microhand_planner.core.trajectory import Pace, time_plan
+from microhand_planner.core.travel import StageLimits, check_travel
+from microhand_planner.core.waypoint_curve import curve_through
+from scipy.spatial.transform import Rotation
+
+PACE = Pace(roll_rate_rad_s=math.radians(90.0), travel_um_s=300.0, axis_um_s=250.0)
+NOWHERE = np.full((1, 3), np.nan)
+
+
+def make_step(kind, tip_um, rotation=None, angle_rad=0.0):
+    """Make a step from tips (n, 3, 3) and, if the object turns, its n orientations."""
+    n = len(tip_um)
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    if rotation is not None:
+        quaternion = rotation.as_quat()[:, [3, 0, 1, 2]]
+    return Step(
+        kind=kind,
+        rotation=0,
+        finger=0,
+        angle_rad=angle_rad,
+        in_contact=(False, False, False),
+        object_position_um=np.zeros((n, 3)),
+        object_quaternion_wxyz=quaternion,
+        tip_um=tip_um,
+        normal=np.broadcast_to(NOWHERE, (n, 3, 3)),
+    )
+
+
+def make_plan(*steps):
+    """Wrap steps into a plan."""
+    return Plan(
+        object_name='test',
+        object_sha256='',
+        start=Pose(),
+        goal=Pose(),
+        finger=Finger(),
+        law=ContactLaw(),
+        options=SearchOptions(),
+        steps=steps,
+        rotations=(),
+    )
+
+
+def roll(angle_deg, radius_um=20.0):
+    """Turn the object about z in steps of one degree, with three tips on a circle."""
+    theta = np.radians(np.arange(angle_deg + 1.0))
+    phases = theta[:, None] + np.radians([0.0, 120.0, 240.0])
+    tip = radius_um * np.stack([np.cos(phases), np.sin(phases), 0 * phases], axis=-1)
+    turn = Rotation.from_rotvec(theta[:, None] * [0.0, 0.0, 1.0])
+    return make_step(StepKind.ROLL, tip, turn, math.radians(angle_deg))
+
+
+def travel(*corners_um, after=None):
+    """Move finger 1 along a polyline, from the end of the step before; the other two stand."""
+    tip = np.zeros((len(corners_um), 3, 3))
+    tip[:, 0] = corners_um
+    tip[:, 1, 0], tip[:, 2, 0] = 40.0, -40.0
+    if after is not None:
+        tip += after.tip_um[-1] - tip[0]
+    return make_step(StepKind.PLACE, tip)
+
+
+def distance_to_polyline(points, line):
+    """Return the distance of each point (n, 3) to the polyline through `line` (m, 3)."""
+    a, b = line[:-1][None], line[1:][None]
+    length2 = np.maximum(np.sum((b - a) ** 2, axis=-1), 1e-30)
+    along = np.clip(np.sum((points[:, None] - a) * (b - a), axis=-1) / length2, 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - (a + along[..., None] * (b - a)), axis=-1).min(axis=1)
+
+
+def test_every_step_begins_and_ends_at_rest_at_its_own_waypoints():
+    """At a step's end all velocities are zero and the tips are at its last waypoint exactly."""
+    first = roll(40)
+    second = make_step(StepKind.TRANSLATE, first.tip_um[-1] + np.array([0, 8.0])[:, None, None])
+    timed = time_plan(make_plan(first, second), PACE)
+    ends = [0, *timed.step_end]
+    np.testing.assert_array_equal(timed.velocity_um_s[ends], 0.0)
+    waypoints = np.stack([first.tip_um[0], first.tip_um[-1], second.tip_um[-1]])
+    np.testing.assert_allclose(timed.tip_um[ends], waypoints, atol=1e-12)
+    assert timed.step_of[0] == 0
+    assert [timed.step_of[end] for end in timed.step_end] == [0, 1]
+    assert len(timed) == timed.step_end[-1] + 1
+
+
+def test_velocity_is_the_derivative_of_position():
+    """Central differences of the positions give the velocities to second order."""
+    turn = roll(60)
+    timed = time_plan(
+        make_plan(turn, travel((0, 0, 0), (30, 5, 0), (30, 40, 0), after=turn)), PACE
+    )
+    difference = (timed.tip_um[2:] - timed.tip_um[:-2]) / (2 * timed.period_s)
+    inside = np.diff(timed.step_of)[1:] == 0
+    inside &= np.diff(timed.step_of)[:-1] == 0
+    error = np.abs(difference - timed.velocity_um_s[1:-1])[inside]
+    assert error.max() < 0.01 * np.abs(timed.velocity_um_s).max()
+
+
+def test_positions_and_velocities_are_continuous():
+    """Between two setpoints nothing jumps: steps of both are bounded by the motion's own scale."""
+    turn = roll(90)
+    timed = time_plan(
+        make_plan(turn, travel((20, 0, 0), (50, 0, 0), (50, 30, 0), after=turn)), PACE
+    )
+    jump = np.linalg.norm(np.diff(timed.tip_um[: timed.step_end[0] + 1], axis=0), axis=-1)
+    assert jump.max() <= PACE.roll_rate_rad_s * 20.0 * timed.period_s * 1.001
+    acceleration = np.diff(timed.velocity_um_s, axis=0) / timed.period_s
+    shortest_s = timed.period_s * np.diff([0, *timed.step_end]).min()
+    assert np.abs(acceleration).max() < 20 * 250.0 / shortest_s
+
+
+def test_a_roll_follows_the_circle_and_turns_the_object_with_the_tips():
+    """With waypoints a degree apart tips stay on the circle within 1 nm and turn with the object."""
+    timed = time_plan(make_plan(roll(100)), PACE)
+    np.testing.assert_allclose(np.linalg.norm(timed.tip_um, axis=-1), 20.0, atol=1e-3)
+    turn = Rotation.from_quat(timed.object_quaternion_wxyz[:, [1, 2, 3, 0]])
+    carried = turn.apply([20.0, 0.0, 0.0])
+    np.testing.assert_allclose(timed.tip_um[:, 0], carried, atol=2e-3)
+
+
+def test_a_roll_takes_its_peak_rate_and_no_more():
+    """The fastest turn between two setpoints is the nominal rate, within one percent."""
+    timed = time_plan(make_plan(roll(90)), PACE)
+    turn = Rotation.from_quat(timed.object_quaternion_wxyz[:, [1, 2, 3, 0]])
+    rate = (turn[:-1].inv() * turn[1:]).magnitude().max() / timed.period_s
+    assert 0.99 * PACE.roll_rate_rad_s < rate <= PACE.roll_rate_rad_s * (1 + 1e-9)
+
+
+def test_a_travel_passes_its_corners_and_stays_on_its_chords():
+    """A tip stops at a right-angled corner and does not leave the chords, so cuts nothing."""
+    corners = np.array([(0.0, 0, 0), (30, 0, 0), (30, 20, 0), (10, 20, 15)])
+    timed = time_plan(make_plan(travel(*corners)), PACE)
+    path = timed.tip_um[:, 0]
+    assert distance_to_polyline(path, corners).max() < 1e-9
+    assert distance_to_polyline(corners, path).max() < 1e-3
+    np.testing.assert_array_equal(timed.tip_um[:, 1], np.tile([40.0, 0, 0], (len(timed), 1)))
+
+
+def test_a_gap_between_steps_is_refused():
+    """A step that begins elsewhere would make the tips jump."""
+    with pytest.raises(InvalidPlan, match=r'step 1 is 3\.0000 µm away'):
+        time_plan(make_plan(travel((0, 0, 0), (5, 0, 0)), travel((8, 0, 0), (9, 0, 0))), PACE)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.lists(st.tuples(*3 * [st.floats(-50.0, 50.0)]), min_size=2, max_size=12),
+    st.floats(10.0, 1000.0),
+    st.floats(10.0, 1000.0),
+)
+def test_no_setpoint_is_faster_than_the_limits(corners, travel_um_s, axis_um_s):
+    """Whatever the waypoints, tip speed and axis velocity stay within the pace everywhere."""
+    pace = Pace(travel_um_s=travel_um_s, axis_um_s=axis_um_s)
+    timed = time_plan(make_plan(travel(*corners)), pace)
+    speed = np.linalg.norm(timed.velocity_um_s, axis=-1).max()
+    assert speed <= travel_um_s * (1 + 1e-9)
+    assert np.abs(timed.velocity_um_s).max() <= axis_um_s * (1 + 1e-9)
+    chord_um_s = np.abs(np.diff(timed.tip_um, axis=0)).max(initial=0.0) / timed.period_s
+    assert chord_um_s <= axis_um_s * (1 + 1e-6)
+
+
+def test_a_smooth_curve_bends_no_further_than_it_says():
+    """Between waypoints on an arc the curve stays within L sin(a/2) of the chord."""
+    theta = np.radians(np.arange(0.0, 91.0, 10.0))
+    arc = 30.0 * np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
+    curve = curve_through(theta, arc[:, None])
+    points, _ = curve.at(np.linspace(0.0, theta[-1], 2000))
+    chord = np.linalg.norm(arc[1] - arc[0])
+    assert distance_to_polyline(points[:, 0], arc).max() <= chord * math.sin(math.radians(5.0))
+    # and it is nearer to the arc than the chords are
+    sagitta = 30.0 * (1 - math.cos(math.radians(5.0)))
+    inner = points[200:-200, 0]
+    assert np.abs(np.linalg.norm(inner, axis=1) - 30.0).max() < 0.05 * sagitta
+
+
+def test_a_step_without_motion_holds():
+    """Equal waypoints make two equal setpoints at rest, and the plan goes on after them."""
+    still = travel((5, 0, 0), (5, 0, 0), (5, 0, 0))
+    timed = time_plan(make_plan(still, travel((5, 0, 0), (9, 0, 0))), PACE)
+    assert timed.step_end[0] == 1
+    np.testing.assert_array_equal(timed.tip_um[0], timed.tip_um[1])
+    assert timed.tip_um[-1, 0, 0] == pytest.approx(9.0)
+
+
+def test_a_plan_without_steps_is_refused():
+    """There is nothing to time in an empty plan."""
+    with pytest.raises(InvalidPlan, match='at least one step'):
+        time_plan(make_plan(), PACE)
+
+
+STAGE = StageLimits((-50.0, -50.0, -50.0), (0.0, 0.0, 0.0), (100.0, 100.0, 100.0), 500.0)
+
+
+def test_travel_within_the_limits_passes():
+    """A roll on a circle of 20 µm in the middle of 100 µm of travel is allowed."""
+    timed = time_plan(make_plan(roll(40)), PACE)
+    check_travel(timed.tip_um, timed.velocity_um_s, [STAGE] * 3)
+
+
+def test_travel_error_names_finger_axis_demand_and_limit():
+    """Finger 1 at station y = 60 µm is at 110 µm of a stage that reaches 100 µm."""
+    timed = time_plan(make_plan(travel((0, 0, 0), (0, 60, 0))), PACE)
+    with pytest.raises(TravelExceeded) as error:
+        check_travel(timed.tip_um, timed.velocity_um_s, [STAGE] * 3)
+    assert str(error.value) == (
+        'finger 1 y is at 110.000 µm of its stage; allowed: 0.000 to 100.000 µm'
+    )
+
+
+def test_velocity_error_names_the_slow_stage():
+    """A stage that is slower than the pace assumes is named with its velocity."""
+    slow = StageLimits(STAGE.base_um, STAGE.lower_um, STAGE.upper_um, 100.0)
+    timed = time_plan(make_plan(travel((0, 0, 0), (0, 40, 0))), PACE)
+    with pytest.raises(TravelExceeded, match=r'finger 1 y is moving at 2\d\d\.\d µm/s; .*100\.0'):
+        check_travel(timed.tip_um, timed.velocity_um_s, [slow, STAGE, STAGE])

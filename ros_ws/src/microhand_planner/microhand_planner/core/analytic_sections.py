@@ -56,3 +56,22 @@ def ellipse_section(a_um: float, b_um: float, plane: Plane) -> Section:
         lambda t: np.column_stack([a_um * np.cos(t), b_um * np.sin(t)]),
         lambda t: np.column_stack([-a_um * np.sin(t), b_um * np.cos(t)]),
     )
+
+
+def polygon_section(corners_um: FloatArray, plane: Plane) -> Section:
+    """Return the polygon with corners (n, 2) [µm], counter-clockwise, edges straight.
+
+    Examples
+    --------
+    >>> from microhand_planner.core.section import XY_PLANE
+    >>> corners_um = np.array([[5.0, 5.0], [-5.0, 5.0], [-5.0, -5.0], [5.0, -5.0]])
+    >>> polygon_section(corners_um, XY_PLANE).perimeter_um
+    40.0
+    """
+    edge = np.roll(corners_um, -1, axis=0) - corners_um
+    leaving = np.arctan2(-edge[:, 0], edge[:, 1])
+    turn = leaving - np.roll(leaving, 1)
+    turn = math.pi - np.mod(math.pi - turn, 2.0 * math.pi)
+    leaving = leaving[0] + np.concatenate([[0.0], np.cumsum(turn[1:])])
+    angles = np.column_stack([leaving - turn, leaving])
+    return Section(plane, np.repeat(corners_um, 2, axis=0), angles.ravel())

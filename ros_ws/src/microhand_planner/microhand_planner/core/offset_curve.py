@@ -25,6 +25,9 @@ from microhand_planner.core.section import Plane, Section, frozen_array
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+KINK_RAD = 1e-6
+"""A larger jump of the normal while the centre stays in place is a kink."""
+
 
 @dataclass(frozen=True)
 class ContactPoints:
@@ -169,12 +172,13 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
     """
     radius = check_number('finger-radius', finger_radius_um, low=0.01, high=1e4)
     arcs = section_arcs(section)
-    kinks_um: list[float] = []
     if not section.is_convex:
-        arcs, kinks_um = outer_arcs(arcs, radius)
-    arcs, start_um, joint_j_um = _start_at_joint_i(arcs, radius, section.plane)
+        arcs = outer_arcs(arcs, radius)
+    arcs, joint_j_um = _start_at_joint_i(arcs, radius, section.plane)
     path_um = np.concatenate([[0.0], np.cumsum(arcs.offset_length_um(radius))])
-    kinks = np.sort(np.mod(np.array(kinks_um) - start_um, path_um[-1]))
+    end_angle = arcs.normal_angle_rad + arcs.turn_rad
+    jump = np.sin(0.5 * (np.roll(arcs.normal_angle_rad, -1) - end_angle))
+    kinks_um = np.sort(path_um[1:][np.abs(jump) > KINK_RAD] % path_um[-1])
     touched = float(arcs.arc_length_um.sum()) / section.perimeter_um
     return OffsetCurve(
         plane=section.plane,
@@ -182,7 +186,7 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
         arcs=arcs,
         phase_rad=frozen_array(path_um / radius),
         phase_of_joint_j=joint_j_um / radius,
-        kinks_rad=frozen_array(kinks / radius),
+        kinks_rad=frozen_array(kinks_um / radius),
         blocked_rad=frozen_array(np.zeros((0, 2))),
         unreachable_share=max(0.0, 1.0 - touched),
     )
@@ -190,7 +194,7 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
 
 def _start_at_joint_i(
     arcs: ArcChain, radius_um: float, plane: Plane
-) -> tuple[ArcChain, float, float]:
+) -> tuple[ArcChain, float]:
     """Rotate a closed chain so that it starts where the tip's centre crosses +X.
 
     Of several crossings the outermost counts: from there the tip can leave along the axis.
@@ -199,8 +203,6 @@ def _start_at_joint_i(
     -------
     arcs : ArcChain
         Starting at joint I; the arc that the axis cuts is split.
-    start_um : float
-        Path length from the old start to the new [µm].
     joint_j_um : float
         Path length from joint I to where the centre crosses −X [µm].
     """
@@ -245,4 +247,4 @@ def _start_at_joint_i(
     first[0], last[-1] = start, start
     keep = (last - first) * length_um[rows] > 1e-12 * length_um.sum()
     turned = arcs.clip(rows[keep], first[keep], last[keep])
-    return turned, start_um, float((joint_j_um - start_um) % length_um.sum())
+    return turned, float((joint_j_um - start_um) % length_um.sum())

@@ -10,7 +10,7 @@ import numpy as np
 
 from microhand_planner.core.errors import InvalidPlan
 from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
-from microhand_planner.core.pose import FloatArray, Pose, readonly
+from microhand_planner.core.pose import LENGTH_DIGITS, FloatArray, Pose
 
 FINGERS = 3
 FORMAT_VERSION = '1.0'
@@ -29,8 +29,6 @@ class StepKind(Enum):
     """A finger detaches and retreats."""
     TRANSLATE = 'translate'
     """All fingers carry the object along."""
-    PARK = 'park'
-    """A free finger gets out of the way of the next rotation."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,10 @@ class Step:
             'normal': (n, FINGERS, 3),
         }
         for name, shape in shapes.items():
-            array = readonly(getattr(self, name))
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if name.endswith('_um'):
+                array = np.round(array, LENGTH_DIGITS)
+            array.setflags(write=False)
             if n < 2 or array.shape != shape:
                 raise InvalidPlan(name, f'of shape {array.shape}', f'shape {shape}, n >= 2')
             expected = np.isfinite(array[:, self.in_contact, :] if name == 'normal' else array)

@@ -17,6 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.errors import InvalidNumber, InvalidRotation
 
+# Lengths of plans are whole picometres: they survive the way through metres and text unchanged.
+LENGTH_DIGITS = 6
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -56,7 +59,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Check, normalise, freeze."""
-        position = readonly(self.position_um)
+        position = readonly(np.round(self.position_um, LENGTH_DIGITS))
         quaternion = np.array(self.quaternion_wxyz, dtype=np.float64)
         if position.shape != (3,) or not np.all(np.isfinite(position)):
             raise InvalidNumber('position', position.tolist(), 'three finite numbers')

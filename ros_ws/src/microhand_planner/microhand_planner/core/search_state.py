@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The states of the planar searches, and what they still cost at least.
+
+A state is a grasp and an orientation, the paper's ``[i j k l]`` with tracks for contacts:
+``grasp[f]`` is the track of finger f + 1, or `ABSENT`. Costs are integers in nanodegrees.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from microhand_planner.core.rotation_lattice import IntArray
+
+Grasp = tuple[int, int, int]
+
+ABSENT = -1
+ANY_GRASP: Grasp = (ABSENT, ABSENT, ABSENT)
+NDEG = 1_000_000_000
+RECONFIGURATION_NDEG = 180 * NDEG
+"""Cost of a placement or a removal, [Kumar2021] Eq. 12."""
+
+# [Kumar2021] Table 1, rebuilt from its §4.3: least number of placements and removals.
+# Row: fingers used in one of the two grasps only (ar); column: fingers on their goal track (dp).
+_RECONFIGURATIONS_LEFT = np.array([[6, 4, 0], [5, 3, 1], [4, 2, 2]])
+
+
+@nb.njit(cache=True, inline='always')
+def pack(
+    grasp: Grasp, orientation: int, tracks: int, orientations: int
+) -> int:  # pragma: no cover - compiled
+    """Return a state as one integer."""
+    base = tracks + 1
+    code = ((grasp[0] + 1) * base + grasp[1] + 1) * base + grasp[2] + 1
+    return code * orientations + orientation
+
+
+@nb.njit(cache=True, inline='always')
+def unpack(
+    key: int, tracks: int, orientations: int
+) -> tuple[Grasp, int]:  # pragma: no cover - compiled
+    """Return grasp and orientation of a packed state."""
+    base = tracks + 1
+    rest = key // orientations
+    third = rest % base - 1
+    rest //= base
+    return (rest // base - 1, rest % base - 1, third), key % orientations
+
+
+@nb.njit(cache=True, inline='always')
+def with_finger(grasp: Grasp, finger: int, track: int) -> Grasp:  # pragma: no cover - compiled
+    """Return the grasp with one finger's track replaced."""
+    if finger == 0:
+        return (track, grasp[1], grasp[2])
+    if finger == 1:
+        return (grasp[0], track, grasp[2])
+    return (grasp[0], grasp[1], track)
+
+
+@nb.njit(cache=True, inline='always')
+def is_any(goal: Grasp) -> bool:  # pragma: no cover - compiled
+    """Return whether every grasp is a goal."""
+    return goal[0] < 0 and goal[1] < 0 and goal[2] < 0
+
+
+@nb.njit(cache=True)
+def cost_left_ndeg(
+    grasp: Grasp, goal: Grasp, theta_ndeg: int, goal_theta_ndeg: int
+) -> int:  # pragma: no cover - compiled
+    """Return the heuristic of [Kumar2021] Eq. 13: never more than the cost that is left.
+
+    Two fingers roll over the remaining angle, and the table tells the least number of
+    reconfigurations: a finger is on its goal's track (dp, Eq. 14-16), on another (ip),
+    used in one of the two grasps only (ar), or in neither (nu).
+    """
+    rolling = 2 * abs(theta_ndeg - goal_theta_ndeg)
+    if is_any(goal):
+        return rolling
+    on_goal_track = 0
+    in_one_only = 0
+    for finger in range(3):
+        if (grasp[finger] < 0) != (goal[finger] < 0):
+            in_one_only += 1
+        elif grasp[finger] >= 0 and grasp[finger] == goal[finger]:
+            on_goal_track += 1
+    return rolling + _RECONFIGURATIONS_LEFT[in_one_only, on_goal_track] * RECONFIGURATION_NDEG
+
+
+@nb.njit(cache=True)
+def trace_back(
+    key: int, parent_of: nb.types.DictType
+) -> IntArray:  # pragma: no cover - compiled
+    """Return the packed states from the start of a search to `key`; a start is its own parent."""
+    length = 1
+    step = key
+    while parent_of[step] != step:
+        step = parent_of[step]
+        length += 1
+    path = np.zeros(length, dtype=np.int64)
+    step = key
+    for position in range(length - 1, -1, -1):
+        path[position] = step
+        step = parent_of[step]
+    return path

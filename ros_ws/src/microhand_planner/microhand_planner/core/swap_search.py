@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cheapest way to turn the object in the plane, under adhesion: an exact search over swaps.
+
+With adhesion a grasp of three is stable exactly when its pairs are, so 'place k, roll on three,
+remove i' is never better than 'roll on two, place k, remove i'. What is left of the graph of
+[Kumar2021] §3.3 are grasps of two fingers, rolls, and *swaps* (place the free finger, remove one
+of the others; cost 360 deg). On them runs A* with the heuristic of [Kumar2021] Eq. 13, in integer
+costs, with ties broken by the smaller heuristic ([Kumar2021] §4) and then by the younger state.
+
+A state has some hundred swaps, nearly all of them dear. Their estimates differ from the state's
+own by 0, 360 or 720 deg, so a state is expanded in up to three stages, and waits in the queue
+between them at the estimate of what it has left to offer.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numba as nb
+import numpy as np
+
+from microhand_planner.core.grasp import tips_clear
+from microhand_planner.core.parameters import ContactLaw, Finger
+from microhand_planner.core.pose import FloatArray
+from microhand_planner.core.removal import grip_window_uN
+from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
+from microhand_planner.core.search_state import (
+    ABSENT,
+    RECONFIGURATION_NDEG,
+    Grasp,
+    cost_left_ndeg,
+    is_any,
+    pack,
+    trace_back,
+    unpack,
+    with_finger,
+)
+
+_SWAP_NDEG = 2 * RECONFIGURATION_NDEG
+_LAST_STAGE = 2
+
+
+class Outcome(IntEnum):
+    """How a search ended."""
+
+    FOUND = 0
+    NO_PATH = 1
+    """Everything reachable was expanded."""
+    BOUNDED = 2
+    """No path cheaper than the bound exists."""
+    TIME_LIMIT = 3
+    CANCELLED = 4
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a planar search found.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        How it ended.
+    cost_ndeg : int
+        Cost of the path [1e-9 deg]; -1 if there is none.
+    path : (k, 4) int
+        States from start to goal: the tracks of fingers 1, 2, 3 (-1: free) and the orientation.
+    expanded : int
+        States expanded.
+    """
+
+    outcome: Outcome
+    cost_ndeg: int
+    path: IntArray
+    expanded: int
+
+
+def swap_search(
+    lattice: RotationLattice,
+    finger: Finger,
+    law: ContactLaw,
+    starts: Sequence[Grasp] | IntArray,
+    goal: Grasp,
+    *,
+    reverse: bool = False,
+    bound_ndeg: int = -1,
+    interrupt: IntArray | None = None,
+) -> SearchResult:
+    """Find the cheapest sequence of rolls and swaps from one grasp to another.
+
+    Parameters
+    ----------
+    lattice : RotationLattice
+        The planar problem.
+    finger, law : Finger, ContactLaw
+        Tips, and contacts with adhesion.
+    starts : (k, 3) int
+        Grasps to start from, of two fingers each; where several are as good, an earlier one is
+        preferred. More than one only with the goal `ANY_GRASP`.
+    goal : tuple of 3 int
+        Grasp of two fingers, or `ANY_GRASP`. The orientations are those of the lattice.
+    reverse : bool
+        True: search backward in time, from the lattice's goal orientation and the grasps `starts`
+        to its start orientation and the grasp `goal`. The path is returned in forward order.
+    bound_ndeg : int
+        Stop as soon as no path can cost less than this [1e-9 deg]; negative: no bound.
+    interrupt : (1,) int64, optional
+        Looked at before every expansion; another thread ends the search by writing an `Outcome`.
+
+    Returns
+    -------
+    SearchResult
+    """
+    begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
+    outcome, cost, keys, expanded = _search(
+        lattice.sample_of,
+        lattice.theta_ndeg,
+        lattice.interior,
+        lattice.block,
+        lattice.centre_um,
+        lattice.contact_um,
+        lattice.normal,
+        lattice.usable,
+        finger.min_distance_um,
+        law.friction,
+        law.stick_uN,
+        law.max_force_uN,
+        np.asarray(starts, dtype=np.int64).reshape(-1, 3),
+        begin,
+        goal,
+        end,
+        reverse,
+        bound_ndeg if bound_ndeg >= 0 else np.iinfo(np.int64).max,
+        np.zeros(1, dtype=np.int64) if interrupt is None else interrupt,
+    )
+    path = _states(keys, len(lattice.track_unit), len(lattice.theta_rad))
+    path.setflags(write=False)
+    return SearchResult(Outcome(outcome), cost, path[::-1] if reverse else path, expanded)
+
+
+def _states(keys: IntArray, tracks: int, orientations: int) -> IntArray:
+    """Return the states of packed `keys`, one a row."""
+    rows = [(*grasp, at) for grasp, at in (unpack(key, tracks, orientations) for key in keys)]
+    return np.array(rows, dtype=np.int64).reshape(-1, 4)
+
+
+@nb.njit(cache=True, inline='always')
+def _free_finger(grasp: Grasp) -> int:  # pragma: no cover - compiled
+    if grasp[0] < 0:
+        return 0
+    return 1 if grasp[1] < 0 else 2
+
+
+@nb.njit(cache=True)
+def _rolls(
+    first: int,
+    second: int,
+    lower: int,
+    arrive: int,
+    sample_of: IntArray,
+    interior: IntArray,
+    block: int,
+    centre_um: FloatArray,
+    usable: BoolArray,
+    min_distance_um: float,
+) -> bool:  # pragma: no cover - compiled
+    """Return whether two tracks stay a grasp between orientation `lower` and the next.
+
+    The orientation they come from is known to be good; `arrive` is the other one.
+    """
+    one = sample_of[first, arrive]
+    two = sample_of[second, arrive]
+    if not (usable[one] and usable[two]):
+        return False
+    if not tips_clear(centre_um[one], centre_um[two], min_distance_um):
+        return False
+    one = sample_of[first, lower]
+    two = sample_of[second, lower]
+    one_block = one - one % block
+    two_block = two - two % block
+    for back in range(1, interior[lower] + 1):
+        here = one_block + (one - one_block - back) % block
+        there = two_block + (two - two_block - back) % block
+        if not (usable[here] and usable[there]):
+            return False
+        if not tips_clear(centre_um[here], centre_um[there], min_distance_um):
+            return False
+    return True
+
+
+@nb.njit(cache=True)
+def _lets_go(
+    stay: int,
+    keep: int,
+    leave: int,
+    contact_um: FloatArray,
+    normal: FloatArray,
+    friction: float,
+    pull_off_uN: float,
+    max_force_uN: float,
+) -> bool:  # pragma: no cover - compiled
+    """Return whether fingers on the samples `stay` and `keep` hold while `leave` is removed."""
+    both_um = np.empty((2, 2))
+    both_normal = np.empty((2, 2))
+    both_um[0] = contact_um[stay]
+    both_um[1] = contact_um[keep]
+    both_normal[0] = normal[stay]
+    both_normal[1] = normal[keep]
+    low, high = grip_window_uN(
+        both_um, both_normal, contact_um[leave], normal[leave], friction, pull_off_uN, max_force_uN
+    )
+    return low <= high
+
+
+@nb.njit(cache=True, nogil=True)
+def _search(
+    sample_of: IntArray,
+    theta_ndeg: IntArray,
+    interior: IntArray,
+    block: int,
+    centre_um: FloatArray,
+    contact_um: FloatArray,
+    normal: FloatArray,
+    usable: BoolArray,
+    min_distance_um: float,
+    friction: float,
+    pull_off_uN: float,
+    max_force_uN: float,
+    starts: IntArray,
+    begin: int,
+    goal: Grasp,
+    end: int,
+    reverse: bool,
+    bound_ndeg: int,
+    interrupt: IntArray,
+) -> tuple[int, int, IntArray, int]:  # pragma: no cover - compiled
+    """Run A*; see `swap_search`. Returns outcome, cost, packed states of the path, expansions."""
+    tracks, orientations = sample_of.shape
+    nothing = np.zeros(0, dtype=np.int64)
+    first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
+    start_total = cost_left_ndeg(first_start, goal, theta_ndeg[begin], theta_ndeg[end])
+    cost_of = {pack(first_start, begin, tracks, orientations): 0}
+    parent_of = {pack(first_start, begin, tracks, orientations): 0}
+    cost_of.clear()
+    parent_of.clear()
+    queue = [(0, 0, 0, 0, 0)]
+    queue.clear()
+    age = 0
+    expanded = 0
+    next_start = 0
+    while True:
+        # starts join only when nothing better waits: most searches end in the first of them
+        while next_start < len(starts) and (len(queue) == 0 or queue[0][0] > start_total):
+            grasp = (starts[next_start, 0], starts[next_start, 1], starts[next_start, 2])
+            next_start += 1
+            free = _free_finger(grasp)
+            one = sample_of[grasp[(free + 1) % 3], begin]
+            two = sample_of[grasp[(free + 2) % 3], begin]
+            if (
+                usable[one]
+                and usable[two]
+                and tips_clear(centre_um[one], centre_um[two], min_distance_um)
+            ):
+                key = pack(grasp, begin, tracks, orientations)
+                cost_of[key] = 0
+                parent_of[key] = key
+                age -= 1
+                heapq.heappush(queue, (start_total, start_total, age, key, 0))
+        if len(queue) == 0:
+            return 1, -1, nothing, expanded
+        if interrupt[0] != 0:
+            return interrupt[0], -1, nothing, expanded
+        total, estimate, _, key, stage = heapq.heappop(queue)
+        if total >= bound_ndeg:
+            return 2, -1, nothing, expanded
+        cost = cost_of[key]
+        if total - estimate != cost + stage * _SWAP_NDEG:
+            continue  # a cheaper way to this state has been found since
+        grasp, orientation = unpack(key, tracks, orientations)
+        if orientation == end and (is_any(goal) or grasp == goal):
+            return 0, cost, trace_back(key, parent_of), expanded
+        free = _free_finger(grasp)
+        first = (free + 1) % 3
+        second = (free + 2) % 3
+
+        if stage == 0:
+            expanded += 1
+            for arrive in (orientation - 1, orientation + 1):
+                if arrive < 0 or arrive >= orientations:
+                    continue
+                if not _rolls(
+                    grasp[first], grasp[second], min(orientation, arrive), arrive,
+                    sample_of, interior, block, centre_um, usable, min_distance_um,
+                ):  # fmt: skip
+                    continue
+                new_cost = cost + 2 * abs(theta_ndeg[arrive] - theta_ndeg[orientation])
+                new_key = pack(grasp, arrive, tracks, orientations)
+                if new_key in cost_of and cost_of[new_key] <= new_cost:
+                    continue
+                cost_of[new_key] = new_cost
+                parent_of[new_key] = key
+                left = cost_left_ndeg(grasp, goal, theta_ndeg[arrive], theta_ndeg[end])
+                age -= 1
+                heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
+
+        for leave in (first, second):
+            stay = first + second - leave
+            stay_sample = sample_of[grasp[stay], orientation]
+            leave_sample = sample_of[grasp[leave], orientation]
+            without = with_finger(grasp, leave, ABSENT)
+            # the estimate depends on the new track only through 'is it the goal's track'
+            for to_goal_track in (False, True):
+                if to_goal_track and goal[free] < 0:
+                    continue
+                low, high = (goal[free], goal[free] + 1) if to_goal_track else (0, tracks)
+                example = with_finger(without, free, goal[free] if to_goal_track else tracks)
+                left = cost_left_ndeg(example, goal, theta_ndeg[orientation], theta_ndeg[end])
+                if left - estimate != (stage - 1) * _SWAP_NDEG:
+                    continue
+                for track in range(low, high):
+                    if not to_goal_track and track == goal[free]:
+                        continue
+                    new_sample = sample_of[track, orientation]
+                    new_um = centre_um[new_sample]
+                    if not (
+                        usable[new_sample]
+                        and tips_clear(centre_um[stay_sample], new_um, min_distance_um)
+                        and tips_clear(centre_um[leave_sample], new_um, min_distance_um)
+                    ):
+                        continue
+                    # backward in time, the finger that appears here is the one that was removed
+                    keep, go = (leave_sample, new_sample) if reverse else (new_sample, leave_sample)
+                    if not _lets_go(
+                        stay_sample, keep, go, contact_um, normal,
+                        friction, pull_off_uN, max_force_uN,
+                    ):  # fmt: skip
+                        continue
+                    new_key = pack(
+                        with_finger(without, free, track), orientation, tracks, orientations
+                    )
+                    new_cost = cost + _SWAP_NDEG
+                    if new_key in cost_of and cost_of[new_key] <= new_cost:
+                        continue
+                    cost_of[new_key] = new_cost
+                    parent_of[new_key] = key
+                    age -= 1
+                    heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
+        if stage < _LAST_STAGE:
+            age -= 1
+            heapq.heappush(queue, (total + _SWAP_NDEG, estimate, age, key, stage + 1))

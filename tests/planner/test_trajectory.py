@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from microhand_planner.core.errors import InvalidPlan, TravelExceeded
-from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
-from microhand_planner.core.plan import Plan, Step, StepKind
-from microhand_planner.core.pose import Pose
-from microhand_planner.core.trajectory import Pace, time_plan
+from microhand_planner.core.plan import Step, StepKind
+from microhand_planner.core.trajectory import Pace, time_steps
 from microhand_planner.core.travel import StageLimits, check_travel
 from microhand_planner.core.waypoint_curve import curve_through
 from scipy.spatial.transform import Rotation
@@ -36,21 +34,6 @@ def make_step(kind, tip_um, rotation=None, angle_rad=0.0):
         object_quaternion_wxyz=quaternion,
         tip_um=tip_um,
         normal=np.broadcast_to(NOWHERE, (n, 3, 3)),
-    )
-
-
-def make_plan(*steps):
-    """Wrap steps into a plan."""
-    return Plan(
-        object_name='test',
-        object_sha256='',
-        start=Pose(),
-        goal=Pose(),
-        finger=Finger(),
-        law=ContactLaw(),
-        options=SearchOptions(),
-        steps=steps,
-        rotations=(),
     )
 
 
@@ -85,7 +68,7 @@ def test_every_step_begins_and_ends_at_rest_at_its_own_waypoints():
     """At a step's end all velocities are zero and the tips are at its last waypoint exactly."""
     first = roll(40)
     second = make_step(StepKind.TRANSLATE, first.tip_um[-1] + np.array([0, 8.0])[:, None, None])
-    timed = time_plan(make_plan(first, second), PACE)
+    timed = time_steps([first, second], PACE)
     ends = [0, *timed.step_end]
     np.testing.assert_array_equal(timed.velocity_um_s[ends], 0.0)
     waypoints = np.stack([first.tip_um[0], first.tip_um[-1], second.tip_um[-1]])
@@ -98,9 +81,7 @@ def test_every_step_begins_and_ends_at_rest_at_its_own_waypoints():
 def test_velocity_is_the_derivative_of_position():
     """Central differences of the positions give the velocities to second order."""
     turn = roll(60)
-    timed = time_plan(
-        make_plan(turn, travel((0, 0, 0), (30, 5, 0), (30, 40, 0), after=turn)), PACE
-    )
+    timed = time_steps([turn, travel((0, 0, 0), (30, 5, 0), (30, 40, 0), after=turn)], PACE)
     difference = (timed.tip_um[2:] - timed.tip_um[:-2]) / (2 * timed.period_s)
     inside = np.diff(timed.step_of)[1:] == 0
     inside &= np.diff(timed.step_of)[:-1] == 0
@@ -111,9 +92,7 @@ def test_velocity_is_the_derivative_of_position():
 def test_positions_and_velocities_are_continuous():
     """Between two setpoints nothing jumps: steps of both are bounded by the motion's own scale."""
     turn = roll(90)
-    timed = time_plan(
-        make_plan(turn, travel((20, 0, 0), (50, 0, 0), (50, 30, 0), after=turn)), PACE
-    )
+    timed = time_steps([turn, travel((20, 0, 0), (50, 0, 0), (50, 30, 0), after=turn)], PACE)
     jump = np.linalg.norm(np.diff(timed.tip_um[: timed.step_end[0] + 1], axis=0), axis=-1)
     assert jump.max() <= PACE.roll_rate_rad_s * 20.0 * timed.period_s * 1.001
     acceleration = np.diff(timed.velocity_um_s, axis=0) / timed.period_s
@@ -122,8 +101,8 @@ def test_positions_and_velocities_are_continuous():
 
 
 def test_a_roll_follows_the_circle_and_turns_the_object_with_the_tips():
-    """With waypoints a degree apart tips stay on the circle within 1 nm and turn with the object."""
-    timed = time_plan(make_plan(roll(100)), PACE)
+    """With waypoints 1° apart tips stay on the circle within 1 nm and turn with the object."""
+    timed = time_steps([roll(100)], PACE)
     np.testing.assert_allclose(np.linalg.norm(timed.tip_um, axis=-1), 20.0, atol=1e-3)
     turn = Rotation.from_quat(timed.object_quaternion_wxyz[:, [1, 2, 3, 0]])
     carried = turn.apply([20.0, 0.0, 0.0])
@@ -132,7 +111,7 @@ def test_a_roll_follows_the_circle_and_turns_the_object_with_the_tips():
 
 def test_a_roll_takes_its_peak_rate_and_no_more():
     """The fastest turn between two setpoints is the nominal rate, within one percent."""
-    timed = time_plan(make_plan(roll(90)), PACE)
+    timed = time_steps([roll(90)], PACE)
     turn = Rotation.from_quat(timed.object_quaternion_wxyz[:, [1, 2, 3, 0]])
     rate = (turn[:-1].inv() * turn[1:]).magnitude().max() / timed.period_s
     assert 0.99 * PACE.roll_rate_rad_s < rate <= PACE.roll_rate_rad_s * (1 + 1e-9)
@@ -141,7 +120,7 @@ def test_a_roll_takes_its_peak_rate_and_no_more():
 def test_a_travel_passes_its_corners_and_stays_on_its_chords():
     """A tip stops at a right-angled corner and does not leave the chords, so cuts nothing."""
     corners = np.array([(0.0, 0, 0), (30, 0, 0), (30, 20, 0), (10, 20, 15)])
-    timed = time_plan(make_plan(travel(*corners)), PACE)
+    timed = time_steps([travel(*corners)], PACE)
     path = timed.tip_um[:, 0]
     assert distance_to_polyline(path, corners).max() < 1e-9
     assert distance_to_polyline(corners, path).max() < 1e-3
@@ -151,7 +130,7 @@ def test_a_travel_passes_its_corners_and_stays_on_its_chords():
 def test_a_gap_between_steps_is_refused():
     """A step that begins elsewhere would make the tips jump."""
     with pytest.raises(InvalidPlan, match=r'step 1 is 3\.0000 µm away'):
-        time_plan(make_plan(travel((0, 0, 0), (5, 0, 0)), travel((8, 0, 0), (9, 0, 0))), PACE)
+        time_steps([travel((0, 0, 0), (5, 0, 0)), travel((8, 0, 0), (9, 0, 0))], PACE)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -163,7 +142,7 @@ def test_a_gap_between_steps_is_refused():
 def test_no_setpoint_is_faster_than_the_limits(corners, travel_um_s, axis_um_s):
     """Whatever the waypoints, tip speed and axis velocity stay within the pace everywhere."""
     pace = Pace(travel_um_s=travel_um_s, axis_um_s=axis_um_s)
-    timed = time_plan(make_plan(travel(*corners)), pace)
+    timed = time_steps([travel(*corners)], pace)
     speed = np.linalg.norm(timed.velocity_um_s, axis=-1).max()
     assert speed <= travel_um_s * (1 + 1e-9)
     assert np.abs(timed.velocity_um_s).max() <= axis_um_s * (1 + 1e-9)
@@ -188,7 +167,7 @@ def test_a_smooth_curve_bends_no_further_than_it_says():
 def test_a_step_without_motion_holds():
     """Equal waypoints make two equal setpoints at rest, and the plan goes on after them."""
     still = travel((5, 0, 0), (5, 0, 0), (5, 0, 0))
-    timed = time_plan(make_plan(still, travel((5, 0, 0), (9, 0, 0))), PACE)
+    timed = time_steps([still, travel((5, 0, 0), (9, 0, 0))], PACE)
     assert timed.step_end[0] == 1
     np.testing.assert_array_equal(timed.tip_um[0], timed.tip_um[1])
     assert timed.tip_um[-1, 0, 0] == pytest.approx(9.0)
@@ -197,7 +176,7 @@ def test_a_step_without_motion_holds():
 def test_a_plan_without_steps_is_refused():
     """There is nothing to time in an empty plan."""
     with pytest.raises(InvalidPlan, match='at least one step'):
-        time_plan(make_plan(), PACE)
+        time_steps([], PACE)
 
 
 STAGE = StageLimits((-50.0, -50.0, -50.0), (0.0, 0.0, 0.0), (100.0, 100.0, 100.0), 500.0)
@@ -205,13 +184,13 @@ STAGE = StageLimits((-50.0, -50.0, -50.0), (0.0, 0.0, 0.0), (100.0, 100.0, 100.0
 
 def test_travel_within_the_limits_passes():
     """A roll on a circle of 20 µm in the middle of 100 µm of travel is allowed."""
-    timed = time_plan(make_plan(roll(40)), PACE)
+    timed = time_steps([roll(40)], PACE)
     check_travel(timed.tip_um, timed.velocity_um_s, [STAGE] * 3)
 
 
 def test_travel_error_names_finger_axis_demand_and_limit():
     """Finger 1 at station y = 60 µm is at 110 µm of a stage that reaches 100 µm."""
-    timed = time_plan(make_plan(travel((0, 0, 0), (0, 60, 0))), PACE)
+    timed = time_steps([travel((0, 0, 0), (0, 60, 0))], PACE)
     with pytest.raises(TravelExceeded) as error:
         check_travel(timed.tip_um, timed.velocity_um_s, [STAGE] * 3)
     assert str(error.value) == (
@@ -222,6 +201,6 @@ def test_travel_error_names_finger_axis_demand_and_limit():
 def test_velocity_error_names_the_slow_stage():
     """A stage that is slower than the pace assumes is named with its velocity."""
     slow = StageLimits(STAGE.base_um, STAGE.lower_um, STAGE.upper_um, 100.0)
-    timed = time_plan(make_plan(travel((0, 0, 0), (0, 40, 0))), PACE)
+    timed = time_steps([travel((0, 0, 0), (0, 40, 0))], PACE)
     with pytest.raises(TravelExceeded, match=r'finger 1 y is moving at 2\d\d\.\d µm/s; .*100\.0'):
         check_travel(timed.tip_um, timed.velocity_um_s, [slow, STAGE, STAGE])

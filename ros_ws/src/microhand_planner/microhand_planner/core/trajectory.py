@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from microhand_planner.core.errors import InvalidPlan
 from microhand_planner.core.parameters import check_number
-from microhand_planner.core.plan import Plan, Step
+from microhand_planner.core.plan import Step
 from microhand_planner.core.pose import FloatArray, readonly
 from microhand_planner.core.waypoint_curve import curve_through
 
@@ -100,8 +101,8 @@ class Trajectory:
         return (len(self) - 1) * self.period_s
 
 
-def time_plan(plan: Plan, pace: Pace) -> Trajectory:
-    """Turn the waypoints of a plan into setpoints.
+def time_steps(steps: Sequence[Step], pace: Pace) -> Trajectory:
+    """Turn the waypoints of a plan's steps into setpoints.
 
     Each step runs from rest to rest under the minimum-jerk time law, along a C1 curve through
     its waypoints, as fast as `pace` allows: its duration is rounded up to whole periods, so that
@@ -109,8 +110,8 @@ def time_plan(plan: Plan, pace: Pace) -> Trajectory:
 
     Parameters
     ----------
-    plan : Plan
-        With at least one step.
+    steps : sequence of Step
+        At least one; each begins where the one before it ended.
     pace : Pace
         Speeds that no setpoint exceeds.
 
@@ -119,15 +120,15 @@ def time_plan(plan: Plan, pace: Pace) -> Trajectory:
     InvalidPlan
         There is no step, or one does not begin where the one before it ended.
     """
-    if not plan.steps:
+    if not steps:
         raise InvalidPlan('steps', 'empty', 'at least one step')
-    for number, (before, after) in enumerate(itertools.pairwise(plan.steps), start=1):
+    for number, (before, after) in enumerate(itertools.pairwise(steps), start=1):
         gap_um = float(np.abs(after.tip_um[0] - before.tip_um[-1]).max())
         if gap_um > JOIN_TOLERANCE_UM:
             raise InvalidPlan(
                 f'step {number}', f'{gap_um:.4f} µm away from the end of the step before', 'no gap'
             )
-    pieces = [_time_step(step, pace) for step in plan.steps]
+    pieces = [_time_step(step, pace) for step in steps]
     # the last setpoint of a step is the first of the next one
     kept = [piece if i == 0 else tuple(a[1:] for a in piece) for i, piece in enumerate(pieces)]
     tip, velocity, position, quaternion = (
@@ -140,7 +141,7 @@ def time_plan(plan: Plan, pace: Pace) -> Trajectory:
         velocity_um_s=velocity,
         object_position_um=position,
         object_quaternion_wxyz=quaternion,
-        step_of=np.repeat(np.arange(len(plan.steps)), counts),
+        step_of=np.repeat(np.arange(len(steps)), counts),
         step_end=np.cumsum(counts) - 1,
     )
 

@@ -27,7 +27,7 @@ setup(
     entry_points={
         'console_scripts': [
             'microhand = microhand_station.cli:main',
-            'recorder = microhand_station.recorder:main',
+            'recorder = microhand_station.recording.recorder_node:main',
             'sequencer = microhand_station.sequencer:main',
         ],
     },

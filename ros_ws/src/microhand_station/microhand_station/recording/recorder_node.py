@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics of the running station → one mcap file per run, opened and closed by service.
+
+The recorder listens from its start on, so that a run loses none of its first messages, and writes
+while a run is open.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+import time
+from collections.abc import Callable
+from datetime import datetime, timezone
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk
+from microhand_msgs_py.srv import StartRun, StopRun
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.task import Future
+
+from microhand_station.recording.open_run import OpenRun
+from microhand_station.recording.recorded_topics import (
+    PLAN_TOPIC,
+    RecordedTopic,
+    offered_qos_yaml,
+    recorded_topics,
+)
+from microhand_station.recording.ros2msg_schema import ros2msg_schema
+from microhand_station.recording.run_writer import RunWriter, create_run_file
+from stage_driver_sim.qos import EVENTS, LATCHED
+from stage_driver_sim.spinning import spin_until_signal
+
+_FINGERS = (1, 2, 3)
+_RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,99}')
+# Messages published before the request to stop may still be under way: they get this long.
+_UNDER_WAY_S = 0.1
+_POLL_S = 0.02
+
+
+class Recorder(Node):
+    """Records the runs of one station.
+
+    Services ``~/start_run`` and ``~/stop_run``. Parameters ``run_dir`` (folder of the records),
+    ``stop_timeout`` (how long ``stop_run`` waits for setpoints that are still missing).
+    """
+
+    def __init__(self, clock_ns: Callable[[], int] = time.time_ns, **node_options: Any) -> None:
+        super().__init__('recorder', **node_options)
+        self._clock_ns = clock_ns
+        self.declare_parameter(
+            'run_dir',
+            'runs',
+            ParameterDescriptor(description='Folder of the records; made if it is missing.'),
+        )
+        self.declare_parameter(
+            'stop_timeout',
+            5.0,
+            ParameterDescriptor(
+                description='[s] How long stop_run waits for setpoints that are still missing.',
+                floating_point_range=[FloatingPointRange(from_value=0.0, to_value=600.0)],
+            ),
+        )
+        self._run: OpenRun | None = None
+        self._latched: dict[str, bytes] = {}
+        self._events = self.create_publisher(RunEvent, 'events', EVENTS)
+        self._topics = recorded_topics(_FINGERS)
+        self._channels = [
+            (self.resolve_topic_name(topic.name), topic) for topic in (PLAN_TOPIC, *self._topics)
+        ]
+        self._schemas = {
+            topic.type_name: ros2msg_schema(topic.type_name) for _, topic in self._channels
+        }
+        for name, topic in self._channels[1:]:
+            self.create_subscription(
+                topic.message_type, name, partial(self._record, name, topic), topic.qos, raw=True
+            )
+        self.create_service(StartRun, '~/start_run', self._start_run)
+        self.create_service(StopRun, '~/stop_run', self._stop_run)
+
+    def close_run(self, end: str) -> None:
+        """Finish the file of the open run, if there is one; `end` says why, in the file."""
+        run, self._run = self._run, None
+        if run is not None:
+            run.close(end)
+
+    def _record(self, name: str, topic: RecordedTopic, cdr: bytes, info: dict[str, int]) -> None:
+        if topic.qos is LATCHED:
+            self._latched[name] = cdr
+        run = self._run
+        if run is None or run.failure:
+            return
+        written = run.write(
+            name,
+            cdr,
+            info['received_timestamp'],
+            info['source_timestamp'],
+            info['publication_sequence_number'] or 0,
+        )
+        if not written:
+            self._report(ErrorCode.RECORDER_MISSING, run.failure)
+        elif topic.finger:
+            chunk = deserialize_message(cdr, SetpointChunk)
+            run.count_setpoints(
+                topic.finger, chunk.stream, chunk.sequence, len(chunk.positions) // 3
+            )
+
+    def _start_run(
+        self, request: StartRun.Request, response: StartRun.Response
+    ) -> StartRun.Response:
+        started = datetime.fromtimestamp(self._clock_ns() / 1e9, timezone.utc)
+        name = request.name or started.strftime('run_%Y%m%dT%H%M%SZ')
+        response.error_code, response.error_msg = self._refusal(name, request.metadata_json)
+        if response.error_code:
+            return response
+        run_dir = Path(self.get_parameter('run_dir').value).expanduser()
+        metadata = {
+            'run': name,
+            'started': started.isoformat(),
+            'plan_hash': request.plan.plan_hash,
+            'metadata_json': request.metadata_json,
+            'microhand_station': _station_version(),
+            'python': platform.python_version(),
+        }
+        try:
+            self._run = self._open(run_dir, name, metadata, serialize_message(request.plan))
+        except OSError as error:
+            response.error_code = ErrorCode.RECORDER_MISSING
+            response.error_msg = f'run_dir is {run_dir}; it cannot be written: {error.strerror}'
+            return response
+        response.file = str(self._run.path)
+        self._report(ErrorCode.SUCCESS, f'recording {response.file}')
+        return response
+
+    def _refusal(self, name: str, metadata_json: str) -> tuple[int, str]:
+        """Error code and message of a request that cannot be served; (0, '') for a good one."""
+        if self._run is not None:
+            return ErrorCode.BUSY, f'{self._run.path} is being recorded; stop that run first'
+        if not _RUN_NAME.fullmatch(name):
+            allowed = 'up to 100 letters, digits and . _ -, the first a letter or digit'
+            return ErrorCode.INVALID_PARAMETER, f'name is {name!r}; allowed: {allowed}'
+        try:
+            is_object = not metadata_json or isinstance(json.loads(metadata_json), dict)
+        except ValueError:
+            is_object = False
+        if not is_object:
+            return ErrorCode.INVALID_PARAMETER, 'metadata_json is not JSON; allowed: a JSON object'
+        return ErrorCode.SUCCESS, ''
+
+    def _open(
+        self, run_dir: Path, name: str, metadata: dict[str, str], plan_cdr: bytes
+    ) -> OpenRun:
+        """Create the file, announce every topic, write what was published once before the run."""
+        path, stream = create_run_file(run_dir, name)
+        try:
+            writer = RunWriter(stream, metadata)
+            for topic_name, topic in self._channels:
+                schema = self._schemas[topic.type_name]
+                qos = offered_qos_yaml(topic.qos)
+                writer.add_topic(topic_name, topic.type_name, schema, qos)
+            now_ns = self._clock_ns()
+            writer.write(self._channels[0][0], plan_cdr, now_ns, now_ns)
+            for topic_name, cdr in self._latched.items():
+                writer.write(topic_name, cdr, now_ns, now_ns)
+        except OSError:
+            path.unlink()
+            raise
+        return OpenRun(path, writer, _FINGERS)
+
+    async def _stop_run(
+        self, request: StopRun.Request, response: StopRun.Response
+    ) -> StopRun.Response:
+        run = self._run
+        if run is None or run.closing:
+            response.error_code = ErrorCode.NOT_ALLOWED
+            response.error_msg = 'no run is being recorded' if run is None else 'already stopping'
+            return response
+        run.closing = True
+        expected = dict(zip(_FINGERS, map(int, request.expected_setpoints), strict=True))
+        give_up_s = time.monotonic() + self.get_parameter('stop_timeout').value
+        await self._pause(_UNDER_WAY_S)
+        while run.lacks(expected) and time.monotonic() < give_up_s:
+            await self._pause(_POLL_S)
+        shortfall = run.shortfall(expected)
+        self.close_run(shortfall or 'complete')
+        shortfall = shortfall or run.failure
+        if shortfall:
+            response.error_code = ErrorCode.RECORDER_MISSING
+            response.error_msg = shortfall
+            self._report(ErrorCode.RECORDER_MISSING, shortfall)
+        response.file = str(run.path)
+        response.messages = run.messages
+        response.recorded_setpoints = [run.recorded_setpoints(finger) for finger in _FINGERS]
+        return response
+
+    async def _pause(self, seconds: float) -> None:
+        """Let the executor do its other work for a while."""
+        passed = Future(executor=self.executor)
+        timer = self.create_timer(
+            seconds, lambda: passed.set_result(None), clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        await passed
+        self.destroy_timer(timer)
+
+    def _report(self, error_code: int, text: str) -> None:
+        """Tell the log, and whoever listens to the events of the station."""
+        log = self.get_logger().error if error_code else self.get_logger().info
+        log(text)
+        event = RunEvent(source=self.get_fully_qualified_name(), error_code=error_code, text=text)
+        event.header.stamp = self.get_clock().now().to_msg()
+        self._events.publish(event)
+
+
+def _station_version() -> str:
+    try:
+        return version('microhand_station')
+    except PackageNotFoundError:
+        return 'not installed'
+
+
+def main() -> int:
+    """Run the recorder until it is told to stop; an open record is finished first."""
+    rclpy.init()
+    node = Recorder()
+    spin_until_signal(node)
+    node.close_run('the recorder was told to stop')
+    return 0

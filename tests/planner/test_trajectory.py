@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from microhand_planner.core.errors import InvalidPlan, TravelExceeded
 from microhand_planner.core.plan import Step, StepKind
 from microhand_planner.core.trajectory import Pace, time_steps
 from microhand_planner.core.travel import StageLimits, check_travel
 from microhand_planner.core.waypoint_curve import curve_through
-from scipy.spatial.transform import Rotation
 
 PACE = Pace(roll_rate_rad_s=math.radians(90.0), travel_um_s=300.0, axis_um_s=250.0)
 NOWHERE = np.full((1, 3), np.nan)

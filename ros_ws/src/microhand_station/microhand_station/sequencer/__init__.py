@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sequencer: takes a plan, checks it, and streams it to the stages."""

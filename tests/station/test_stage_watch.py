@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judging the stages' reports: which finger, which code, by how much."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from microhand_msgs_py.msg import ErrorCode, StageState
+
+from microhand_planner.core.errors import RunFailed
+from microhand_station.sequencer import stage_watch
+from microhand_station.sequencer.stage_watch import (
+    Mode,
+    StageReport,
+    check_alive,
+    check_ready,
+    finished,
+    what_is_missing,
+)
+
+GOOD = StageReport(
+    arrived_s=10.0,
+    mode=Mode.HOLDING,
+    position_um=np.array([50.0, 50.0, 50.0]),
+    command_um=np.array([50.0, 50.0, 50.0]),
+    on_target=True,
+    stream=3,
+    received=100,
+    underruns=0,
+    error_code=0,
+    error_msg='',
+)
+STREAMING = dataclasses.replace(GOOD, mode=Mode.STREAMING)
+
+
+def fault(**changes):
+    """Return what `check_alive` says of finger 2 when its report has these changes."""
+    with pytest.raises(RunFailed) as error:
+        check_alive([GOOD, dataclasses.replace(GOOD, **changes), GOOD], now_s=10.1)
+    return error.value.code, str(error.value)
+
+
+def test_good_reports_pass():
+    """Stages that hold are alive and ready; one that streams is alive but not ready."""
+    check_alive([GOOD, STREAMING, GOOD], now_s=10.4)
+    check_ready([GOOD, GOOD, GOOD], now_s=10.4)
+    with pytest.raises(RunFailed, match='finger 2: its stage is streaming; allowed: holding'):
+        check_ready([GOOD, STREAMING, GOOD], now_s=10.1)
+
+
+def test_silence_is_a_missing_stage():
+    """Half a second without a report, or none ever, is STAGE_MISSING and names the finger."""
+    code, text = fault(arrived_s=9.0)
+    assert code == ErrorCode.STAGE_MISSING
+    assert text.startswith('finger 2: its stage driver has been silent for 1.10 s')
+    with pytest.raises(RunFailed, match='finger 3: its stage driver is silent') as error:
+        check_alive([GOOD, GOOD, None], now_s=10.1)
+    assert error.value.code == ErrorCode.STAGE_MISSING
+
+
+def test_a_fault_carries_the_drivers_words():
+    """What the driver says about axis and amount reaches the caller."""
+    code, text = fault(mode=Mode.FAULT, error_code=301, error_msg='z: stuck at 12 µm')
+    assert (code, text) == (ErrorCode.STAGE_FAULT, 'finger 2: z: stuck at 12 µm')
+    code, _ = fault(mode=Mode.FAULT, error_code=303, error_msg='ran dry')
+    assert code == ErrorCode.STREAM_BROKEN
+    code, text = fault(mode=Mode.STOPPED)
+    assert (code, text) == (ErrorCode.STAGE_FAULT, 'finger 2: its stage is stopped')
+
+
+def test_finished_means_all_setpoints_and_on_target():
+    """One setpoint short, another stream, or off target: not finished, and it says why."""
+    assert finished([GOOD] * 3, stream=3, setpoints=100)
+    short = dataclasses.replace(GOOD, received=99)
+    assert not finished([GOOD, short, GOOD], 3, 100)
+    assert what_is_missing([GOOD, short, GOOD], 3, 100) == (
+        'finger 2: accepted 99 of 100 setpoints'
+    )
+    off = dataclasses.replace(GOOD, on_target=False, position_um=np.array([50.0, 50.0, 50.31]))
+    assert not finished([GOOD, GOOD, off], 3, 100)
+    assert what_is_missing([GOOD, GOOD, off], 3, 100) == (
+        'finger 3 z: +0.310 µm off its target, holding'
+    )
+    assert not finished([GOOD, GOOD, None], 3, 100)
+
+
+def test_modes_and_codes_are_those_of_the_messages():
+    """The pure part repeats constants of the interfaces; here they are kept in step."""
+    for mode in Mode:
+        assert getattr(StageState, mode.name) == mode.value
+    for name in ('STAGE_MISSING', 'STAGE_FAULT', 'STREAM_BROKEN'):
+        assert getattr(stage_watch, name) == getattr(ErrorCode, name)

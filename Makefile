@@ -31,7 +31,7 @@ TOOLS := build/$(TAG)/tools
 hash = $(shell sha256sum $(sort $(wildcard $(1))) | sha256sum | cut -c 1-12)
 MSGS := $(SRC)/microhand_msgs_py
 MSGS_HASH := $(call hash,$(MSGS)/*/*.msg $(MSGS)/*/*.srv $(MSGS)/*/*.action $(MSGS)/_wheel/*.* $(MSGS)/*.* requirements/build.txt requirements/constraints.txt)
-PACKAGES_HASH := $(call hash,tools/link_executables.py $(foreach p,$(PACKAGES),$(addprefix $(SRC)/$(p)/,setup.* package.xml launch/* config/*)))
+PACKAGES_HASH := $(call hash,tools/link_into_prefix.py $(foreach p,$(PACKAGES),$(addprefix $(SRC)/$(p)/,setup.* package.xml launch/* config/*)))
 CORE_HASH := $(call hash,$(SRC)/microhand_planner/microhand_planner/*.py $(SRC)/microhand_planner/microhand_planner/core/*.py)
 VENV_READY := $(VENV)/.ready/venv
 REQUIREMENTS_READY := $(VENV)/.ready/requirements-$(call hash,requirements/runtime.txt requirements/dev.txt requirements/constraints.txt)
@@ -144,7 +144,7 @@ $(MSGS_READY): $(REQUIREMENTS_READY) $(MSGS_WHEEL)
 $(PACKAGES_READY): $(MSGS_READY)
 	$(call step,$(PACKAGES),$(BIN)/python -m pip install --no-build-isolation --no-deps --no-index \
 	  --config-settings editable_mode=compat $(addprefix -e ./$(SRC)/,$(PACKAGES)) \
-	  && $(BIN)/python tools/link_executables.py $(PACKAGES))
+	  && $(BIN)/python tools/link_into_prefix.py $(addprefix ./$(SRC)/,$(PACKAGES)))
 	@$(done)
 
 # numba compiles the search once, here, so that nobody waits for it later.

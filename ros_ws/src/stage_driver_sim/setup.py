@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Installs the simulated stage driver, for pip and for colcon. ROS dependencies are in package.xml."""
+"""Installs the stage driver, for pip and for colcon. ROS dependencies are in package.xml."""
 
 from setuptools import find_packages, setup
 

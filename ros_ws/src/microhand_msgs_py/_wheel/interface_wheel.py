@@ -55,7 +55,7 @@ def build_wheel(
             os.environ.get('CMAKE_ARGS', ''),
             '-DBUILD_TESTING=OFF',
             f'-DCMAKE_PROJECT_INCLUDE={here / "wheel.cmake"}',
-            # Two spellings: ament and rosidl use FindPython3, older parts of them PYTHON_EXECUTABLE.
+            # Two spellings: FindPython3, and older parts of ament and rosidl.
             f'-DPython3_EXECUTABLE={sys.executable}',
             f'-DPYTHON_EXECUTABLE={sys.executable}',
         ]

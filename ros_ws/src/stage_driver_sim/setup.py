@@ -21,7 +21,7 @@ setup(
     ],
     install_requires=['numpy'],
     entry_points={
-        'console_scripts': ['stage_driver = stage_driver_sim.stage_driver:main'],
+        'console_scripts': ['stage_driver = stage_driver_sim.driver_node:main'],
     },
     zip_safe=True,
 )

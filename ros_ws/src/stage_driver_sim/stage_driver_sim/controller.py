@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a stage driver does at any moment: modes, commands and faults, without ROS and threads.
+
+::
+
+              set_servo(false)           chunk                 home
+       OFF <------------------> HOLDING -------> STREAMING    HOLDING -------> HOMING
+              set_servo(true)      ^               |             ^               |
+                                   |  end of stream|             |  home reached |
+                                   +---------------+             +---------------+
+
+       any but FAULT --stop--> STOPPED                           --reset--> HOLDING or OFF
+       any           --refused chunk, stream run dry--> FAULT    --reset--> HOLDING or OFF
+
+Whatever ends a stream early, the command brakes along its path and then holds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from stage_driver_sim.brake import Brake
+from stage_driver_sim.chunk import Chunk
+from stage_driver_sim.errors import LeftoverChunk, NotAllowed, StageError, StreamBroken
+from stage_driver_sim.protocol import Stage, StageLimits, Vector
+from stage_driver_sim.setpoint_stream import Phase, SetpointStream, accept_chunk
+
+VELOCITY_FILTER_S = 0.005
+"""Time constant of the velocity estimate: turns 1 nm of noise at 1 kHz into 0.4 µm/s."""
+
+
+class Mode(IntEnum):
+    """As in ``microhand_msgs_py/msg/StageState``."""
+
+    OFF = 0
+    HOLDING = 1
+    STREAMING = 2
+    HOMING = 3
+    STOPPED = 4
+    FAULT = 5
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """How a driver brakes, and when it calls a stage on target.
+
+    Parameters
+    ----------
+    deceleration_um_s2 : float
+        Of every stop, along the path [µm/s²].
+    on_target_window_um : float
+        Largest distance from the command, per axis [µm].
+    on_target_dwell_s : float
+        How long the stage has to stay inside the window [s].
+    """
+
+    deceleration_um_s2: float
+    on_target_window_um: float
+    on_target_dwell_s: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth remembering: becomes a ``RunEvent``."""
+
+    time_s: float
+    code: int
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What the stage does at one moment: becomes a ``StageState``."""
+
+    time_s: float
+    mode: Mode
+    position_um: Vector
+    velocity_um_s: Vector
+    command_um: Vector
+    on_target: bool
+    stream: int
+    received: int
+    underruns: int
+    dropped: int
+    error_code: int
+    error_msg: str
+
+
+class StageController:
+    """Follows streams, brakes, homes and refuses, on top of any `Stage`.
+
+    Taking over a stage closes its servo and holds it where it is.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage; nobody else commands it.
+    name : str
+        Begins every message, e.g. ``finger_1``.
+    settings : ControllerSettings
+        Braking and the on-target window.
+    now_s : float
+        Time [s] on the clock of all later calls.
+    """
+
+    def __init__(
+        self, stage: Stage, *, name: str, settings: ControllerSettings, now_s: float
+    ) -> None:
+        self._stage = stage
+        self._name = name
+        self._settings = settings
+        self._mode = Mode.HOLDING
+        self._stream: SetpointStream | None = None
+        self._brake: Brake | None = None
+        self._underruns = 0
+        self._dropped = 0
+        self._error_code = 0
+        self._error_msg = ''
+        self._events: list[Event] = []
+        stage.set_servo(True, now_s)
+        self._last_um: Vector = stage.measure_um(now_s)
+        self._last_s = now_s
+        self._held_um = self._inside(self._last_um)
+        self._velocity_um_s: Vector = np.zeros(3)
+        self._in_window_since_s = math.inf
+
+    @property
+    def limits(self) -> StageLimits:
+        """What the stage can do."""
+        return self._stage.limits
+
+    @property
+    def moving(self) -> bool:
+        """True: the command is, or is about to be, on its way."""
+        return self._brake is not None or self._mode in (Mode.STREAMING, Mode.HOMING)
+
+    def tick(self, now_s: float) -> Snapshot:
+        """Measure, command and report; to be called at a steady rate.
+
+        Parameters
+        ----------
+        now_s : float
+            Time [s].
+        """
+        position_um = self._stage.measure_um(now_s)
+        command_um = self._command_at(now_s)
+        if self._mode is not Mode.HOMING and self._stage.servo_on:
+            self._stage.command_um(command_um, now_s)
+        self._estimate_velocity(position_um, now_s)
+        return Snapshot(
+            time_s=now_s,
+            mode=self._mode,
+            position_um=position_um,
+            velocity_um_s=self._velocity_um_s,
+            command_um=command_um,
+            on_target=self._is_on_target(position_um, command_um, now_s),
+            stream=0 if self._stream is None else self._stream.number,
+            received=0 if self._stream is None else self._stream.received,
+            underruns=self._underruns,
+            dropped=self._dropped,
+            error_code=self._error_code,
+            error_msg=self._error_msg,
+        )
+
+    def accept(self, chunk: Chunk, now_s: float) -> None:
+        """Add a chunk to its stream; one that does not fit is a fault, a leftover is dropped."""
+        if self._mode in (Mode.FAULT, Mode.STOPPED):
+            self._dropped += 1
+            return
+        try:
+            stream = accept_chunk(
+                self._stream,
+                chunk,
+                running=self._mode is Mode.STREAMING,
+                limits=self._stage.limits,
+                held_um=self._held_um,
+                now_s=now_s,
+            )
+            if stream is self._stream:
+                self._dropped += 1
+                return
+            if self._mode is not Mode.STREAMING:
+                self._require_rest(f'stream {chunk.stream} begins')
+        except LeftoverChunk:
+            self._dropped += 1
+        except StageError as error:
+            self.fail(error, now_s)
+        else:
+            self._stream = stream
+            self._mode = Mode.STREAMING
+
+    def refuse(self, error: StageError, now_s: float) -> None:
+        """Treat a chunk that could not even be read like one that does not fit."""
+        if self._mode in (Mode.FAULT, Mode.STOPPED):
+            self._dropped += 1
+        else:
+            self.fail(error, now_s)
+
+    def fail(self, error: StageError, now_s: float) -> None:
+        """Brake, hold, and refuse motion until `reset`; the first error stays."""
+        if self._mode is Mode.FAULT:
+            return
+        self._end_motion(now_s)
+        self._mode = Mode.FAULT
+        self._error_code = error.code
+        self._error_msg = f'{self._name}: {error}'
+        self._events.append(Event(now_s, self._error_code, self._error_msg))
+
+    def stop(self, now_s: float) -> None:
+        """Brake, hold, and refuse motion until `reset`. A fault stays a fault."""
+        if self._mode in (Mode.FAULT, Mode.STOPPED):
+            return
+        self._end_motion(now_s)
+        self._mode = Mode.STOPPED
+        self._events.append(Event(now_s, 0, f'{self._name}: stopped'))
+
+    def home(self, now_s: float) -> None:
+        """Set off for home.
+
+        Raises
+        ------
+        NotAllowed
+            The stage is not holding at rest.
+        """
+        self._require_rest('home')
+        self._stage.home(now_s)
+        self._mode = Mode.HOMING
+
+    def reset(self, now_s: float) -> None:
+        """Forget a stop or a fault; without one it changes nothing."""
+        if self._mode not in (Mode.FAULT, Mode.STOPPED):
+            return
+        self._mode = Mode.HOLDING if self._stage.servo_on else Mode.OFF
+        self._error_code = 0
+        self._error_msg = ''
+        self._events.append(Event(now_s, 0, f'{self._name}: reset'))
+
+    def set_servo(self, enabled: bool, now_s: float) -> None:
+        """Close the loop where the stage is, or open it.
+
+        Raises
+        ------
+        NotAllowed
+            The loop is to be opened while the stage moves.
+        """
+        if enabled == self._stage.servo_on:
+            return
+        if self.moving:
+            raise NotAllowed(f'servo off in mode {self._mode.name}; allowed: at rest')
+        self._stage.set_servo(enabled, now_s)
+        self._held_um = self._inside(self._stage.measure_um(now_s))
+        if self._mode in (Mode.OFF, Mode.HOLDING):
+            self._mode = Mode.HOLDING if enabled else Mode.OFF
+
+    def take_events(self) -> list[Event]:
+        """Return the events since the last call, oldest first."""
+        events, self._events = self._events, []
+        return events
+
+    def _command_at(self, now_s: float) -> Vector:
+        """Return the command of this moment [µm]; end what has reached its end."""
+        if self._mode is Mode.HOMING:
+            if self._stage.is_homing(now_s):
+                return self._stage.limits.home_um
+            self._held_um = self._stage.limits.home_um
+            self._mode = Mode.HOLDING
+        if self._mode is Mode.STREAMING and self._stream is not None:
+            wanted = self._stream.command_at(now_s)
+            if wanted.phase is Phase.WAITING:
+                return self._held_um
+            if wanted.phase is Phase.RUNNING:
+                return self._inside(wanted.position_um)
+            if wanted.phase is Phase.DONE:
+                self._held_um = self._inside(wanted.position_um)
+                self._mode = Mode.HOLDING
+            else:
+                self._underruns += 1
+                self.fail(
+                    StreamBroken(
+                        f'stream {self._stream.number} ran dry after setpoint '
+                        f'{self._stream.received - 1}, its end not announced'
+                    ),
+                    now_s,
+                )
+        if self._brake is not None:
+            self._held_um = self._inside(self._brake.position_at(now_s))
+            if now_s >= self._brake.end_s:
+                self._brake = None
+        return self._held_um
+
+    def _end_motion(self, now_s: float) -> None:
+        """Begin to brake from whatever moves the stage."""
+        if self._mode is Mode.HOMING:
+            self._held_um = self._inside(self._stage.stop(now_s))
+        elif self._mode is Mode.STREAMING and self._stream is not None:
+            wanted = self._stream.command_at(now_s)
+            if wanted.phase is not Phase.WAITING:
+                begin_s = min(now_s, self._stream.times_s[-1])
+                self._brake = Brake(
+                    begin_s,
+                    wanted.position_um,
+                    wanted.velocity_um_s,
+                    self._settings.deceleration_um_s2,
+                )
+
+    def _require_rest(self, wish: str) -> None:
+        if self._mode is not Mode.HOLDING or self.moving:
+            raise NotAllowed(f'{wish} in mode {self._mode.name}; allowed: HOLDING, at rest')
+
+    def _inside(self, position_um: Vector) -> Vector:
+        """Return the nearest position inside the travel."""
+        limits = self._stage.limits
+        inside_um: Vector = np.minimum(np.maximum(position_um, limits.lower_um), limits.upper_um)
+        return inside_um
+
+    def _estimate_velocity(self, position_um: Vector, now_s: float) -> None:
+        """Low-pass the difference quotient of the readings."""
+        dt_s = now_s - self._last_s
+        if dt_s > 0.0:
+            share = -math.expm1(-dt_s / VELOCITY_FILTER_S)
+            quotient_um_s = (position_um - self._last_um) / dt_s
+            self._velocity_um_s = self._velocity_um_s + share * (
+                quotient_um_s - self._velocity_um_s
+            )
+            self._last_um, self._last_s = position_um, now_s
+
+    def _is_on_target(self, position_um: Vector, command_um: Vector, now_s: float) -> bool:
+        away_um = float(np.abs(position_um - command_um).max())
+        if not self._stage.servo_on or away_um > self._settings.on_target_window_um:
+            self._in_window_since_s = math.inf
+            return False
+        self._in_window_since_s = min(self._in_window_since_s, now_s)
+        return now_s - self._in_window_since_s >= self._settings.on_target_dwell_s

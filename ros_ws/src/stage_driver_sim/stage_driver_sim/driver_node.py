@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node of one stage: converts messages and services to calls of the control loop, and back.
+
+Managed: ``configure`` reads the parameters and powers the stage up, ``activate`` closes its servo
+and starts the control loop, ``deactivate`` brings it to rest and ends the loop.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk, StageState
+from microhand_msgs_py.srv import Command, GetStageLimits, SetServo
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.timer import Timer
+
+from stage_driver_sim import qos
+from stage_driver_sim.control_loop import ControlLoop, LoopTiming
+from stage_driver_sim.controller import StageController
+from stage_driver_sim.conversions import (
+    ClockMap,
+    chunk_from_message,
+    event_message,
+    fill_limits,
+    state_message,
+)
+from stage_driver_sim.diagnostics import stage_status
+from stage_driver_sim.driver_parameters import (
+    DriverParameters,
+    declare_parameters,
+    read_parameters,
+)
+from stage_driver_sim.errors import StageError
+from stage_driver_sim.protocol import Stage
+from stage_driver_sim.run_node import run_node
+from stage_driver_sim.simulated_stage import SimulatedStage
+
+DIAGNOSTICS_PERIOD_S = 1.0
+SWITCH_INTERVAL_S = 0.0005
+"""How long other threads may keep the interpreter from the control loop; Python allows 5 ms."""
+
+Response = TypeVar('Response', Command.Response, SetServo.Response)
+
+
+class StageDriverNode(LifecycleNode):
+    """Driver of one stage."""
+
+    def __init__(self) -> None:
+        super().__init__('stage_driver')
+        declare_parameters(self)
+        self._parameters: DriverParameters | None = None
+        self._stage: Stage | None = None
+        self._loop: ControlLoop | None = None
+        self._clock_map = ClockMap(0)
+        self._state_timer: Timer | None = None
+        self._state = self.create_lifecycle_publisher(StageState, 'state', qos.STATE)
+        self._events = self.create_publisher(RunEvent, 'events', qos.EVENTS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
+        self.create_subscription(SetpointChunk, 'setpoints', self._on_chunk, qos.SETPOINTS)
+        for name, action in (
+            ('stop', StageController.stop),
+            ('home', StageController.home),
+            ('reset', StageController.reset),
+        ):
+            self.create_service(Command, f'~/{name}', partial(self._on_command, action))
+        self.create_service(SetServo, '~/set_servo', self._on_set_servo)
+        self.create_service(GetStageLimits, '~/get_limits', self._on_get_limits)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the parameters and power the stage up."""
+        if self.get_clock().ros_time_is_active:  # a stage moves in real time
+            self.get_logger().error('use_sim_time is true; allowed: false')
+            return TransitionCallbackReturn.FAILURE
+        try:
+            self._parameters = read_parameters(self)
+            self._stage = _power_up(self._parameters)
+        except StageError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the servo where the stage stands and start the control loop."""
+        if self._parameters is None or self._stage is None:
+            return TransitionCallbackReturn.FAILURE
+        self._clock_map = ClockMap(self.get_clock().now().nanoseconds - time.monotonic_ns())
+        controller = StageController(
+            self._stage,
+            name=f'finger_{self._parameters.finger}',
+            settings=self._parameters.settings,
+            now_s=time.monotonic(),
+        )
+        self._loop = ControlLoop(controller, period_s=self._parameters.control_period_s)
+        self._loop.start()
+        self._state_timer = self.create_timer(self._parameters.state_period_s, self._publish_state)
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Bring the stage to rest and end the control loop; the servo keeps holding."""
+        self._end_loop()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the stage."""
+        self._power_down()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Bring the stage to rest and let go of it."""
+        self._end_loop()
+        self._power_down()
+        return super().on_shutdown(state)
+
+    def destroy_node(self) -> None:
+        """Bring the stage to rest, then destroy the node."""
+        self._end_loop()
+        super().destroy_node()
+
+    def _end_loop(self) -> None:
+        if self._state_timer is not None:
+            self.destroy_timer(self._state_timer)
+            self._state_timer = None
+        if self._loop is not None:
+            self._loop.stop()
+            self._publish_events(self._loop)
+            self._loop = None
+
+    def _power_down(self) -> None:
+        if self._stage is not None:
+            self._stage.set_servo(False, time.monotonic())
+        self._stage = None
+        self._parameters = None
+
+    def _on_chunk(self, message: SetpointChunk) -> None:
+        if self._loop is None:
+            self.get_logger().warning('not active: setpoints ignored', throttle_duration_sec=1.0)
+            return
+        try:
+            chunk = chunk_from_message(message, self._clock_map)
+        except StageError as error:
+            refusal = error
+            self._loop.tell(lambda controller, now_s: controller.refuse(refusal, now_s))
+        else:
+            self._loop.tell(lambda controller, now_s: controller.accept(chunk, now_s))
+
+    def _on_command(
+        self,
+        action: Callable[[StageController, float], None],
+        request: Command.Request,
+        response: Command.Response,
+    ) -> Command.Response:
+        return self._ask(action, response)
+
+    def _on_set_servo(
+        self, request: SetServo.Request, response: SetServo.Response
+    ) -> SetServo.Response:
+        return self._ask(
+            lambda controller, now_s: controller.set_servo(request.enabled, now_s), response
+        )
+
+    def _on_get_limits(
+        self, request: GetStageLimits.Request, response: GetStageLimits.Response
+    ) -> GetStageLimits.Response:
+        if self._stage is None:
+            response.error_code = ErrorCode.STAGE_MISSING
+            response.error_msg = f'{self.get_fully_qualified_name()} is not configured'
+            return response
+        return fill_limits(response, self._stage.limits, self._stage.hardware_id)
+
+    def _ask(
+        self, action: Callable[[StageController, float], None], response: Response
+    ) -> Response:
+        """Have the control loop do `action`; report what came of it in `response`."""
+        if self._loop is None:
+            response.error_code = ErrorCode.STAGE_MISSING
+            response.error_msg = f'{self.get_fully_qualified_name()} is not active'
+            return response
+        try:
+            self._loop.ask(action)
+        except StageError as error:
+            response.error_code = error.code
+            response.error_msg = str(error)
+        return response
+
+    def _publish_state(self) -> None:
+        if self._loop is None or self._parameters is None:
+            return
+        frame_id = f'finger_{self._parameters.finger}_base'
+        snapshot = self._loop.snapshot()
+        self._state.publish(state_message(snapshot, self._clock_map, frame_id))
+        self._publish_events(self._loop)
+
+    def _publish_events(self, loop: ControlLoop) -> None:
+        for event in loop.take_events():
+            if event.code != ErrorCode.SUCCESS:
+                self.get_logger().error(event.text)
+            self._events.publish(
+                event_message(event, self._clock_map, self.get_fully_qualified_name())
+            )
+
+    def _publish_diagnostics(self) -> None:
+        loop = self._loop
+        status = stage_status(
+            self.get_fully_qualified_name(),
+            '' if self._stage is None else self._stage.hardware_id,
+            None if loop is None else loop.snapshot(),
+            LoopTiming() if loop is None else loop.take_timing(),
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+
+def _power_up(parameters: DriverParameters) -> Stage:
+    """Return the stage that the parameters describe."""
+    return SimulatedStage(
+        parameters.axes,
+        home_um=parameters.home_um,
+        rng=np.random.default_rng([parameters.seed, parameters.finger]),
+        now_s=time.monotonic(),
+        hardware_id=parameters.hardware_id,
+    )
+
+
+def main() -> None:
+    """Run the driver as a process."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    sys.exit(run_node(StageDriverNode))

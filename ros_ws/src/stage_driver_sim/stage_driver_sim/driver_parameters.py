@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the driver node: declared with unit, range and description, read as values.
+
+On the ROS side everything is SI. An integer is accepted wherever a double is meant: YAML files and
+command lines write ``150`` for 150.0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from stage_driver_sim.controller import ControllerSettings
+from stage_driver_sim.conversions import UM_PER_M
+from stage_driver_sim.errors import InvalidParameter
+from stage_driver_sim.model import AxisParameters
+from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
+from stage_driver_sim.protocol import AXES, Vector
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One numeric parameter.
+
+    Parameters
+    ----------
+    name : str
+        ROS name.
+    default : int or float or list of 3 float
+        Its type decides what is accepted: an integer, a number, one number per axis.
+    low, high : float
+        Allowed range, ends included.
+    unit : str
+        SI unit.
+    description : str
+        What it means.
+    """
+
+    name: str
+    default: int | float | list[float]
+    low: float
+    high: float
+    unit: str
+    description: str
+
+    def objection(self, value: object) -> str:
+        """Return why `value` is not allowed; empty if it is."""
+        numbers = list(value) if isinstance(value, Iterable) else [value]
+        count, kind = 1, 'a number'
+        accepted: tuple[type, ...] = (int, float)
+        if isinstance(self.default, list):
+            count, kind = 3, 'three numbers'
+        elif isinstance(self.default, int):
+            accepted, kind = (int,), 'an integer'
+        if len(numbers) == count and all(
+            isinstance(x, accepted) and not isinstance(x, bool) and self.low <= x <= self.high
+            for x in numbers
+        ):
+            return ''
+        allowed = f'{kind} from {self.low:g} to {self.high:g} {self.unit}'
+        return f'{self.name} is {value}; allowed: {allowed.rstrip()}'
+
+
+def _per_axis(field: str, scale: float = 1.0) -> list[float]:
+    return [getattr(axis, field) / scale for axis in REPRESENTATIVE_100_UM_XYZ]
+
+
+_X = REPRESENTATIVE_100_UM_XYZ[0]
+
+SPECS = (
+    ParameterSpec('finger', 1, 1, 3, '', 'which finger of the station the stage moves'),
+    ParameterSpec(
+        'travel_lower', _per_axis('lower_um', UM_PER_M), -0.1, 0.1, 'm', 'lower end of the travel'
+    ),
+    ParameterSpec(
+        'travel_upper', _per_axis('upper_um', UM_PER_M), -0.1, 0.1, 'm', 'upper end of the travel'
+    ),
+    ParameterSpec('home', [50e-6, 50e-6, 50e-6], -0.1, 0.1, 'm', 'where `home` goes'),
+    ParameterSpec(
+        'max_velocity', _X.max_velocity_um_s / UM_PER_M, 1e-6, 1.0, 'm/s', 'slew limit per axis'
+    ),
+    ParameterSpec('deceleration', 1.0, 1e-3, 1e3, 'm/s^2', 'of every stop, along the path'),
+    ParameterSpec(
+        'natural_frequency',
+        _per_axis('natural_frequency_Hz'),
+        1.0,
+        1e4,
+        'Hz',
+        'undamped natural frequency of the closed loop',
+    ),
+    ParameterSpec(
+        'damping_ratio', _X.damping_ratio, 0.01, 10.0, '1', 'of the closed loop; 1 is critical'
+    ),
+    ParameterSpec(
+        'noise_rms', _X.noise_rms_um / UM_PER_M, 0.0, 1e-6, 'm', 'sensor noise per axis; 0: none'
+    ),
+    ParameterSpec(
+        'sensor_resolution',
+        _X.resolution_um / UM_PER_M,
+        0.0,
+        1e-6,
+        'm',
+        'step of the sensor reading; 0: continuous',
+    ),
+    ParameterSpec('seed', 0, 0, 2**31 - 1, '', 'of the sensor noise, together with `finger`'),
+    ParameterSpec('control_rate', 1000.0, 50.0, 2000.0, 'Hz', 'of the control loop'),
+    ParameterSpec('state_rate', 200.0, 1.0, 1000.0, 'Hz', 'at which `state` is published'),
+    ParameterSpec(
+        'on_target_window', 20e-9, 1e-10, 1e-4, 'm', 'largest distance that counts as on target'
+    ),
+    ParameterSpec(
+        'on_target_dwell', 0.02, 0.0, 10.0, 's', 'time inside the window before on target'
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class DriverParameters:
+    """All parameters of a driver, in the units of the package."""
+
+    finger: int
+    hardware_id: str
+    seed: int
+    axes: tuple[AxisParameters, ...]
+    home_um: Vector
+    settings: ControllerSettings
+    control_period_s: float
+    state_period_s: float
+
+
+def declare_parameters(node: Node) -> None:
+    """Declare every parameter and refuse values that are not allowed, now and later.
+
+    Raises
+    ------
+    rclpy.exceptions.ParameterException
+        An override is not allowed.
+    """
+    specs = {spec.name: spec for spec in SPECS}
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name in specs:
+                objection = specs[parameter.name].objection(parameter.value)
+                if objection:
+                    return SetParametersResult(successful=False, reason=objection)
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(check)
+    for spec in SPECS:
+        node.declare_parameter(spec.name, spec.default, _descriptor(spec))
+    node.declare_parameter(
+        'hardware_id',
+        '',
+        ParameterDescriptor(description='type and serial number; empty: simulated-<finger>'),
+    )
+
+
+def read_parameters(node: Node) -> DriverParameters:
+    """Return the present values.
+
+    Raises
+    ------
+    InvalidParameter
+        Values that contradict each other.
+    """
+
+    def number(name: str) -> float:
+        return float(node.get_parameter(name).value)
+
+    def per_axis(name: str) -> list[float]:
+        return [float(x) for x in node.get_parameter(name).value]
+
+    axes = []
+    for axis, lower, upper, frequency_Hz in zip(
+        AXES,
+        per_axis('travel_lower'),
+        per_axis('travel_upper'),
+        per_axis('natural_frequency'),
+        strict=True,
+    ):
+        try:
+            axes.append(
+                AxisParameters(
+                    lower_um=lower * UM_PER_M,
+                    upper_um=upper * UM_PER_M,
+                    max_velocity_um_s=number('max_velocity') * UM_PER_M,
+                    natural_frequency_Hz=frequency_Hz,
+                    damping_ratio=number('damping_ratio'),
+                    noise_rms_um=number('noise_rms') * UM_PER_M,
+                    resolution_um=number('sensor_resolution') * UM_PER_M,
+                )
+            )
+        except InvalidParameter as error:
+            raise InvalidParameter(f'{axis}: {error}') from error
+    finger = int(node.get_parameter('finger').value)
+    return DriverParameters(
+        finger=finger,
+        hardware_id=node.get_parameter('hardware_id').value or f'simulated-{finger}',
+        seed=int(node.get_parameter('seed').value),
+        axes=tuple(axes),
+        home_um=np.array(per_axis('home')) * UM_PER_M,
+        settings=ControllerSettings(
+            deceleration_um_s2=number('deceleration') * UM_PER_M,
+            on_target_window_um=number('on_target_window') * UM_PER_M,
+            on_target_dwell_s=number('on_target_dwell'),
+        ),
+        control_period_s=1.0 / number('control_rate'),
+        state_period_s=1.0 / number('state_rate'),
+    )
+
+
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    """Return what ``ros2 param describe`` shows; the range is checked by `objection`."""
+    descriptor = ParameterDescriptor(
+        description=f'[{spec.unit}] {spec.description}' if spec.unit else spec.description,
+        additional_constraints='read when the node is configured',
+        dynamic_typing=True,
+    )
+    if isinstance(spec.default, int):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)
+        ]
+    else:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0)
+        ]
+    return descriptor

@@ -8,13 +8,17 @@ equilibrium must exist inside the Coulomb cones.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numba as nb
+import numpy as np
 
 from microhand_planner.core.pose import FloatArray
 
 _TINY = 1e-9
+_SHARE = 1e-7  # of the largest force: less is none
+_FOURS = np.array(list(itertools.combinations(range(6), 4)))
 
 
 @nb.njit(cache=True)
@@ -75,42 +79,39 @@ def triple_presses(
     scale = 0.0
     for contact in range(3):
         scale = max(scale, abs(contact_um[contact, 0]), abs(contact_um[contact, 1]))
-    fx = [0.0] * 6
-    fy = [0.0] * 6
-    moment = [0.0] * 6
-    for contact in range(3):
-        for side in range(2):
-            slide = friction * (1.0 - 2.0 * side)
-            edge = 2 * contact + side
-            nx = normal[contact, 0]
-            ny = normal[contact, 1]
-            fx[edge] = -nx - slide * ny
-            fy[edge] = -ny + slide * nx
-            moment[edge] = (
-                contact_um[contact, 0] * fy[edge] - contact_um[contact, 1] * fx[edge]
-            ) / scale
-    presses = [False] * 3
-    # the kernel of four edges is one ray: its entries are the 3x3 minors with alternating sign
-    for drop_a in range(5):
-        for drop_b in range(drop_a + 1, 6):
-            kept = [edge for edge in range(6) if edge not in (drop_a, drop_b)]
-            ray = [0.0] * 4
-            for out in range(4):
-                i, j, k = [kept[col] for col in range(4) if col != out]
-                minor = (
-                    fx[i] * (fy[j] * moment[k] - fy[k] * moment[j])
-                    - fx[j] * (fy[i] * moment[k] - fy[k] * moment[i])
-                    + fx[k] * (fy[i] * moment[j] - fy[j] * moment[i])
-                )
-                ray[out] = minor if out % 2 == 0 else -minor
-            low = min(ray)
-            high = max(ray)
-            if high < -low:
-                low, high = -high, -low
-                ray = [-entry for entry in ray]
-            if high <= _TINY or low < -_TINY * 10.0:
-                continue
-            for col in range(4):
-                if ray[col] > 1e-7 * high:
-                    presses[kept[col] // 2] = True
+    fx = np.zeros(6)
+    fy = np.zeros(6)
+    moment = np.zeros(6)
+    for edge in range(6):
+        contact = edge // 2
+        slide = friction * (1.0 - 2.0 * (edge % 2))
+        fx[edge] = -normal[contact, 0] - slide * normal[contact, 1]
+        fy[edge] = -normal[contact, 1] + slide * normal[contact, 0]
+        moment[edge] = (
+            contact_um[contact, 0] * fy[edge] - contact_um[contact, 1] * fx[edge]
+        ) / scale
+    presses = np.zeros(3, dtype=np.bool_)
+    ray = np.zeros(4)
+    for kept in _FOURS:
+        # the kernel of four edges is one ray: its entries are the 3x3 minors, signs alternating
+        for out in range(4):
+            i = kept[0] if out > 0 else kept[1]
+            j = kept[1] if out > 1 else kept[2]
+            k = kept[2] if out > 2 else kept[3]
+            minor = (
+                fx[i] * (fy[j] * moment[k] - fy[k] * moment[j])
+                - fx[j] * (fy[i] * moment[k] - fy[k] * moment[i])
+                + fx[k] * (fy[i] * moment[j] - fy[j] * moment[i])
+            )
+            ray[out] = minor if out % 2 == 0 else -minor
+        low = ray.min()
+        high = ray.max()
+        if high < -low:
+            low, high = -high, -low
+            ray *= -1.0
+        if high <= _TINY or low < -10.0 * _TINY:
+            continue
+        for col in range(4):
+            if ray[col] > _SHARE * high:
+                presses[kept[col] // 2] = True
     return presses[0] and presses[1] and presses[2]

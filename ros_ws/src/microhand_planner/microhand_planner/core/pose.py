@@ -71,7 +71,7 @@ class Pose:
                 'quaternion', quaternion.tolist(), 'four finite numbers w x y z, not all zero'
             )
         quaternion /= length
-        # q and -q are the same rotation: one of them is chosen, so that equal poses are equal bytes
+        # q and -q are one rotation: choose, so that equal poses are equal bytes
         leading = quaternion[np.flatnonzero(np.abs(quaternion) > 1e-12)[0]]
         object.__setattr__(self, 'position_um', position)
         object.__setattr__(self, 'quaternion_wxyz', readonly(quaternion * np.sign(leading)))

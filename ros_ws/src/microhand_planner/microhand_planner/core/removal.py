@@ -99,9 +99,10 @@ def grip_window_uN(
         tangent_slope = grip_y * normal_x - grip_x * normal_y
         low, high = _narrow(low, high, normal_slope, normal_base)
         low, high = _narrow(low, high, -normal_slope, max_force_uN - normal_base)
-        cone = friction * (normal_base + pull_off_uN)
-        low, high = _narrow(low, high, friction * normal_slope - tangent_slope, cone - tangent_base)
-        low, high = _narrow(low, high, friction * normal_slope + tangent_slope, cone + tangent_base)
+        cone_base = friction * (normal_base + pull_off_uN)
+        cone_slope = friction * normal_slope
+        low, high = _narrow(low, high, cone_slope - tangent_slope, cone_base - tangent_base)
+        low, high = _narrow(low, high, cone_slope + tangent_slope, cone_base + tangent_base)
         if low > high:
             return 1.0, -1.0
     return low, high

@@ -62,6 +62,9 @@ class RotationLattice:
         Phase of each sample [rad].
     centre_um, contact_um, normal : (s, 2) float
         Tip centre, contact and outward normal of each sample; object frame in the plane.
+    phase_per_angle : float
+        Phase that a finger rolls through per angle of the object: 1, but for the paper's lattice
+        on a section whose turn is no multiple of the step.
     usable : (s,) bool
         False: no finger may stand there.
     """
@@ -80,6 +83,7 @@ class RotationLattice:
     centre_um: FloatArray
     contact_um: FloatArray
     normal: FloatArray
+    phase_per_angle: float
     usable: BoolArray
 
     def __post_init__(self) -> None:
@@ -152,19 +156,16 @@ def rotation_lattice(
     goal_unit = [float(snap(phase / spacing_rad)) for phase in goal_phase_rad]
     theta_unit, goal = _orientations(snap(angle_unit), _FULL_TURN / step_rad, one_sided=paper)
     track_unit = _distinct(
-        np.concatenate(
-            [np.arange(contacts), start_unit, np.array(goal_unit) + theta_unit[goal]]
-        ),
+        np.concatenate([np.arange(contacts), start_unit, np.array(goal_unit) + theta_unit[goal]]),
         contacts,
     )
 
     gap_rad = spacing_rad if paper else _LARGEST_GAP_RAD
     density = max(1, math.ceil(spacing_rad / gap_rad - _SAME))
     sample_of, phase_unit = _contact_samples(track_unit, theta_unit, contacts, density)
-    points = curve.at(phase_unit * spacing_rad)
-    usable = points.admissible.copy()
-    if not paper:
-        _keep_off_kinks(usable, phase_unit, curve.kinks_rad / spacing_rad, contacts, density)
+    phase_rad = phase_unit * spacing_rad
+    points = curve.at(phase_rad)
+    margin_rad = 0.0 if paper else spacing_rad / density
     return RotationLattice(
         contacts=contacts,
         spacing_rad=spacing_rad,
@@ -176,18 +177,20 @@ def rotation_lattice(
         sample_of=sample_of,
         interior=np.ceil(np.diff(theta_unit) * density - 1e-6).astype(np.int64) - 1,
         block=contacts * density,
-        phase_rad=phase_unit * spacing_rad,
+        phase_rad=phase_rad,
         centre_um=points.centre_um.copy(),
         contact_um=points.contact_um.copy(),
         normal=points.normal.copy(),
-        usable=usable,
+        phase_per_angle=spacing_rad / step_rad,
+        # nobody stands within one sample of a kink or a blocked phase: so no roll crosses one
+        usable=curve.rolls_freely(phase_rad - margin_rad, phase_rad + margin_rad),
     )
 
 
 def _orientations(
     angle_unit: float, turn_unit: float, *, one_sided: bool
 ) -> tuple[FloatArray, int]:
-    """Return all orientations within one turn of the start, in units of the step, and the goal's index."""
+    """Return the orientations within one turn, in steps from the start, and the goal's index."""
     most = math.floor(turn_unit + _SAME)
     low = 0 if one_sided and angle_unit >= 0 else -most
     high = 0 if one_sided and angle_unit < 0 else most
@@ -225,16 +228,3 @@ def _contact_samples(
     sample_of = block.reshape(phase.shape) * contacts + whole.astype(np.int64) % contacts
     within = np.arange(contacts * density) / density
     return sample_of * density, (shifts[:, None] + within[None, :]).ravel()
-
-
-def _keep_off_kinks(
-    usable: BoolArray,
-    phase_unit: FloatArray,
-    kink_unit: FloatArray,
-    contacts: int,
-    density: int,
-) -> None:
-    """Clear `usable` at the samples on either side of each kink, so that no roll crosses one."""
-    for kink in kink_unit:
-        ahead = (kink - phase_unit + 0.5 * contacts) % contacts - 0.5 * contacts
-        usable[np.abs(ahead) * density <= 1.0 + _SAME] = False

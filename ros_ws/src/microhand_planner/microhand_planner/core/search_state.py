@@ -47,6 +47,14 @@ def unpack(
     return (rest // base - 1, rest % base - 1, third), key % orientations
 
 
+def unpack_all(keys: IntArray, tracks: int, orientations: int) -> IntArray:
+    """Return packed states as rows of three tracks and an orientation, (k, 4) int, read-only."""
+    rows = [(*grasp, at) for grasp, at in (unpack(key, tracks, orientations) for key in keys)]
+    states = np.array(rows, dtype=np.int64).reshape(-1, 4)
+    states.setflags(write=False)
+    return states
+
+
 @nb.njit(cache=True, inline='always')
 def with_finger(grasp: Grasp, finger: int, track: int) -> Grasp:  # pragma: no cover - compiled
     """Return the grasp with one finger's track replaced."""
@@ -87,9 +95,7 @@ def cost_left_ndeg(
 
 
 @nb.njit(cache=True)
-def trace_back(
-    key: int, parent_of: nb.types.DictType
-) -> IntArray:  # pragma: no cover - compiled
+def trace_back(key: int, parent_of: nb.types.DictType) -> IntArray:  # pragma: no cover - compiled
     """Return the packed states from the start of a search to `key`; a start is its own parent."""
     length = 1
     step = key

@@ -16,8 +16,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 
 import numba as nb
 import numpy as np
@@ -27,6 +25,7 @@ from microhand_planner.core.parameters import ContactLaw, Finger
 from microhand_planner.core.pose import FloatArray
 from microhand_planner.core.removal import grip_window_uN
 from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
+from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
 from microhand_planner.core.search_state import (
     ABSENT,
     RECONFIGURATION_NDEG,
@@ -36,45 +35,12 @@ from microhand_planner.core.search_state import (
     pack,
     trace_back,
     unpack,
+    unpack_all,
     with_finger,
 )
 
 _SWAP_NDEG = 2 * RECONFIGURATION_NDEG
 _LAST_STAGE = 2
-
-
-class Outcome(IntEnum):
-    """How a search ended."""
-
-    FOUND = 0
-    NO_PATH = 1
-    """Everything reachable was expanded."""
-    BOUNDED = 2
-    """No path cheaper than the bound exists."""
-    TIME_LIMIT = 3
-    CANCELLED = 4
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """What a planar search found.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        How it ended.
-    cost_ndeg : int
-        Cost of the path [1e-9 deg]; -1 if there is none.
-    path : (k, 4) int
-        States from start to goal: the tracks of fingers 1, 2, 3 (-1: free) and the orientation.
-    expanded : int
-        States expanded.
-    """
-
-    outcome: Outcome
-    cost_ndeg: int
-    path: IntArray
-    expanded: int
 
 
 def swap_search(
@@ -85,7 +51,7 @@ def swap_search(
     goal: Grasp,
     *,
     reverse: bool = False,
-    bound_ndeg: int = -1,
+    bound_ndeg: int = NO_BOUND,
     interrupt: IntArray | None = None,
 ) -> SearchResult:
     """Find the cheapest sequence of rolls and swaps from one grasp to another.
@@ -105,7 +71,7 @@ def swap_search(
         True: search backward in time, from the lattice's goal orientation and the grasps `starts`
         to its start orientation and the grasp `goal`. The path is returned in forward order.
     bound_ndeg : int
-        Stop as soon as no path can cost less than this [1e-9 deg]; negative: no bound.
+        Stop as soon as no path costs less than this [1e-9 deg].
     interrupt : (1,) int64, optional
         Looked at before every expansion; another thread ends the search by writing an `Outcome`.
 
@@ -132,18 +98,11 @@ def swap_search(
         goal,
         end,
         reverse,
-        bound_ndeg if bound_ndeg >= 0 else np.iinfo(np.int64).max,
+        bound_ndeg,
         np.zeros(1, dtype=np.int64) if interrupt is None else interrupt,
     )
-    path = _states(keys, len(lattice.track_unit), len(lattice.theta_rad))
-    path.setflags(write=False)
-    return SearchResult(Outcome(outcome), cost, path[::-1] if reverse else path, expanded)
-
-
-def _states(keys: IntArray, tracks: int, orientations: int) -> IntArray:
-    """Return the states of packed `keys`, one a row."""
-    rows = [(*grasp, at) for grasp, at in (unpack(key, tracks, orientations) for key in keys)]
-    return np.array(rows, dtype=np.int64).reshape(-1, 4)
+    states = unpack_all(keys, len(lattice.track_unit), len(lattice.theta_rad))
+    return SearchResult(Outcome(outcome), cost, states[::-1] if reverse else states, expanded)
 
 
 @nb.njit(cache=True, inline='always')
@@ -202,8 +161,8 @@ def _lets_go(
     max_force_uN: float,
 ) -> bool:  # pragma: no cover - compiled
     """Return whether fingers on the samples `stay` and `keep` hold while `leave` is removed."""
-    both_um = np.empty((2, 2))
-    both_normal = np.empty((2, 2))
+    both_um = np.zeros((2, 2))
+    both_normal = np.zeros((2, 2))
     both_um[0] = contact_um[stay]
     both_um[1] = contact_um[keep]
     both_normal[0] = normal[stay]
@@ -331,7 +290,9 @@ def _search(
                     ):
                         continue
                     # backward in time, the finger that appears here is the one that was removed
-                    keep, go = (leave_sample, new_sample) if reverse else (new_sample, leave_sample)
+                    keep, go = new_sample, leave_sample
+                    if reverse:
+                        keep, go = go, keep
                     if not _lets_go(
                         stay_sample, keep, go, contact_um, normal,
                         friction, pull_off_uN, max_force_uN,

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plan a reorientation: from a part and two poses to a plan that fingers can follow."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from microhand_planner.core.decomposition import PlanarRotation, decompositions
+from microhand_planner.core.errors import InvalidRotation
+from microhand_planner.core.finger_motions import finger_motions
+from microhand_planner.core.interruption import interruption
+from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.part import Part
+from microhand_planner.core.plan import Plan, RotationReport
+from microhand_planner.core.planned_rotation import PlannedRotation, Problem
+from microhand_planner.core.pose import FloatArray, Pose, angle_between_rad
+from microhand_planner.core.rotation_sequence import cheapest_sequence
+from microhand_planner.core.search_state import NDEG
+from microhand_planner.core.section_curves import SectionCurves, section_curves
+from microhand_planner.core.tip_clearance import distance_to_part_um
+from microhand_planner.core.transfer import waiting_radius_um
+
+_SAME_ROTATION_RAD = 1e-9
+_TOUCH_UM = 0.05  # facets may stand this far out of the smooth outline that the tip follows
+
+
+def plan_reorientation(
+    part: Part | SectionCurves,
+    start: Pose,
+    goal: Pose,
+    finger: Finger,
+    law: ContactLaw,
+    options: SearchOptions,
+    *,
+    decomposition: Sequence[PlanarRotation] | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    cancelled: Callable[[], bool] | None = None,
+) -> Plan:
+    """Plan the cheapest finger motions that bring an object from one pose to another.
+
+    Parameters
+    ----------
+    part : Part or SectionCurves
+        The object; `SectionCurves` of it, when several requests are planned.
+    start, goal : Pose
+        Object in the station frame. The rotation between them is taken in the object frame:
+        ``R_goal = R_start R``.
+    finger : Finger
+        Tips.
+    law : ContactLaw
+        Friction and adhesion.
+    options : SearchOptions
+        Step, mode, time limit.
+    decomposition : sequence of PlanarRotation, optional
+        Use these planar rotations; by default the cheapest of all decompositions is chosen.
+    clock : callable
+        Current time [s].
+    cancelled : callable, optional
+        Asked during the search; True ends it.
+
+    Returns
+    -------
+    Plan
+        Reaches the goal orientation exactly; equal requests give equal plans.
+
+    Raises
+    ------
+    BadRequest
+        The part, or the request, cannot be served as it stands.
+    NoPlanExists
+        Proven: no sequence of grasps reaches the goal, within the steps of the search.
+    TimeLimitReached, Cancelled
+        The search was cut off.
+
+    Examples
+    --------
+    >>> from microhand_planner.core.catalogue import find_part
+    >>> from scipy.spatial.transform import Rotation
+    >>> goal = Pose.of((0, 0, 0), Rotation.from_euler('ZYZ', [80, 220, 100], degrees=True))
+    >>> plan = plan_reorientation(
+    ...     find_part('ellipsoid'), Pose(), goal, Finger(), ContactLaw(), SearchOptions())
+    >>> plan.reached == goal, len(plan.rotations)
+    (True, 3)
+    """
+    geometry = part if isinstance(part, SectionCurves) else section_curves(part, finger)
+    turn = start.rotation.inv() * goal.rotation
+    if decomposition is None:
+        choices = decompositions(turn)
+    else:
+        choices = (tuple(decomposition),)
+        reached = turn.inv()
+        for rotation in reversed(choices[0]):
+            reached = rotation.rotation * reached
+        if reached.magnitude() > _SAME_ROTATION_RAD:
+            raise InvalidRotation(
+                'decomposition', 'another rotation', 'planar rotations that make up the goal'
+            )
+    # no rotation at all is a rotation by zero: the object must be grasped all the same
+    choices = tuple(choice or (PlanarRotation('z', 0.0),) for choice in choices)
+    with interruption(options.time_limit_s, cancelled, clock) as interrupt:
+        sequence = cheapest_sequence(
+            choices, geometry.curves, Problem(finger, law, options, clock, interrupt)
+        )
+
+    def blocked(centres_um: FloatArray) -> bool:
+        near_um = distance_to_part_um(centres_um, geometry.part, finger.radius_um)
+        return bool(np.any(near_um < finger.radius_um - _TOUCH_UM))
+
+    steps = finger_motions(
+        sequence,
+        start,
+        goal,
+        finger,
+        waiting_radius_um(geometry.bounding_radius_um, finger),
+        blocked,
+    )
+    return Plan(
+        object_name=geometry.part.name,
+        object_sha256=geometry.part.sha256,
+        start=start,
+        goal=goal,
+        finger=finger,
+        law=law,
+        options=options,
+        steps=steps,
+        rotations=tuple(_report(planned) for planned in sequence),
+    )
+
+
+def goal_error_deg(plan: Plan) -> float:
+    """Return the angle between the goal and the orientation that the plan reaches [deg]."""
+    return float(np.degrees(angle_between_rad(plan.reached.rotation, plan.goal.rotation)))
+
+
+def _report(planned: PlannedRotation) -> RotationReport:
+    """Return the figures of one rotation."""
+    return RotationReport(
+        axis=planned.part.axis,
+        angle_deg=float(np.degrees(planned.part.angle_rad)),
+        cost_deg=planned.cost_ndeg / NDEG,
+        reconfigurations=planned.reconfigurations,
+        expanded=planned.expanded,
+        time_s=planned.time_s,
+    )

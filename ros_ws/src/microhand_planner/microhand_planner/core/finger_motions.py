@@ -165,8 +165,8 @@ def _first_grasp(hand: _Hand, planned: PlannedRotation) -> Step:
         for finger in closing
     }
     n = max(len(way) for way in ways.values())
-    tips_um: FloatArray = np.zeros((n, FINGERS, 3))
-    tips_um[:] = _aside(hand, [way[0] for way in ways.values()])
+    aside_um = _aside(hand, [way[0] for way in ways.values()])
+    tips_um = np.array(np.broadcast_to(aside_um, (n, FINGERS, 3)))
     for finger, way_um in ways.items():
         share = interp1d(np.linspace(0.0, 1.0, len(way_um)), way_um, axis=0)
         tips_um[:, finger] = share(np.linspace(0.0, 1.0, n))

@@ -21,7 +21,7 @@ from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from stage_driver_sim.qos import EVENTS, LATCHED, SETPOINTS, STATE
+from stage_driver_sim.qos import DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
 
 _ROSOUT = QoSProfile(
     depth=1000,
@@ -29,7 +29,6 @@ _ROSOUT = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
     lifespan=Duration(seconds=10),
 )
-_DIAGNOSTICS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 _TF = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 # What rmw means by "no limit", as rosbag2 writes it.
 _FOREVER_NS = 9223372036854775807
@@ -75,7 +74,7 @@ def recorded_topics(fingers: Sequence[int]) -> tuple[RecordedTopic, ...]:
         RecordedTopic('events', RunEvent, EVENTS),
         RecordedTopic('twin/object', ObjectState, STATE),
         RecordedTopic('/rosout', Log, _ROSOUT),
-        RecordedTopic('/diagnostics', DiagnosticArray, _DIAGNOSTICS),
+        RecordedTopic('/diagnostics', DiagnosticArray, DIAGNOSTICS),
     ]
     for finger in fingers:
         topics.append(

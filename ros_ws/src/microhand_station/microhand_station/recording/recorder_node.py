@@ -22,6 +22,7 @@ import rclpy
 from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk
 from microhand_msgs_py.srv import StartRun, StopRun
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -85,7 +86,10 @@ class Recorder(Node):
                 topic.message_type, name, partial(self._record, name, topic), topic.qos, raw=True
             )
         self.create_service(StartRun, '~/start_run', self._start_run)
-        self.create_service(StopRun, '~/stop_run', self._stop_run)
+        # While stop_run waits it must not hold the group of the subscriptions and timers.
+        self.create_service(
+            StopRun, '~/stop_run', self._stop_run, callback_group=ReentrantCallbackGroup()
+        )
 
     def close_run(self, end: str) -> None:
         """Finish the file of the open run, if there is one; `end` says why, in the file."""
@@ -213,8 +217,11 @@ class Recorder(Node):
 
     def _report(self, error_code: int, text: str) -> None:
         """Tell the log, and whoever listens to the events of the station."""
-        log = self.get_logger().error if error_code else self.get_logger().info
-        log(text)
+        # rclpy ties the severity to the line of the call.
+        if error_code:
+            self.get_logger().error(text)
+        else:
+            self.get_logger().info(text)
         event = RunEvent(source=self.get_fully_qualified_name(), error_code=error_code, text=text)
         event.header.stamp = self.get_clock().now().to_msg()
         self._events.publish(event)
@@ -231,6 +238,10 @@ def main() -> int:
     """Run the recorder until it is told to stop; an open record is finished first."""
     rclpy.init()
     node = Recorder()
-    spin_until_signal(node)
-    node.close_run('the recorder was told to stop')
+    end = 'the recorder failed; its log says why'
+    try:
+        spin_until_signal(node)
+        end = 'the recorder was told to stop'
+    finally:
+        node.close_run(end)
     return 0

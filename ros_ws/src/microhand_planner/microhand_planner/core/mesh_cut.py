@@ -27,6 +27,9 @@ SMOOTH_COS = math.cos(math.radians(40.0))
 """Faces that differ less from an edge's normal belong to the same smooth surface."""
 STEEPEST_SIN = 0.35
 """An edge that leaves the tangent plane of its end more steeply is no part of a smooth surface."""
+RULED_SHARE = 0.5
+"""If area weights give less than this share of an edge's bow, a long straight edge meets short
+facets at its ends: it does not bow."""
 CLUSTER_SHARE = 0.15
 """Neighbouring crossings within this share of their edges from a common vertex are one."""
 
@@ -158,18 +161,21 @@ def _on_surface(
     upper, lower, before, after = edges
     face_normals = _face_normals(part, np.concatenate([before, after])).reshape(2, -1, 3)
     edge_normal = _unit(face_normals.sum(axis=0))
-    n_upper = _vertex_normals(part, upper, edge_normal)
-    n_lower = _vertex_normals(part, lower, edge_normal)
+    near_upper, wide_upper = _vertex_normals(part, upper, edge_normal)
+    near_lower, wide_lower = _vertex_normals(part, lower, edge_normal)
 
     start_um = part.vertices_um[upper]
     edge_um = part.vertices_um[lower] - start_um
-    rise_upper = np.einsum('ij,ij->i', edge_um, n_upper)
-    rise_lower = np.einsum('ij,ij->i', edge_um, n_lower)
+    rise_upper = np.einsum('ij,ij->i', edge_um, near_upper)
+    rise_lower = np.einsum('ij,ij->i', edge_um, near_lower)
+    bulge_um = rise_lower - rise_upper
+    wide_bulge_um = np.einsum('ij,ij->i', edge_um, wide_lower - wide_upper)
     steepest = np.maximum(np.abs(rise_upper), np.abs(rise_lower))
-    folded = np.einsum('ij,ij->i', face_normals[0], face_normals[1]) < SMOOTH_COS
-    sharp = folded | (steepest > STEEPEST_SIN * np.linalg.norm(edge_um, axis=1))
-    bow_upper = np.where(sharp, 0.0, -rise_upper)[:, None] * n_upper
-    bow_lower = np.where(sharp, 0.0, rise_lower)[:, None] * n_lower
+    sharp = steepest > STEEPEST_SIN * np.linalg.norm(edge_um, axis=1)
+    sharp |= np.einsum('ij,ij->i', face_normals[0], face_normals[1]) < SMOOTH_COS
+    sharp |= wide_bulge_um * bulge_um < RULED_SHARE * bulge_um**2
+    bow_upper = np.where(sharp, 0.0, -rise_upper)[:, None] * near_upper
+    bow_lower = np.where(sharp, 0.0, rise_lower)[:, None] * near_lower
 
     # The bow is small beside the edge: a few rounds of "shift the crossing by the height of the
     # bow" put the point back on the plane.
@@ -180,7 +186,7 @@ def _on_surface(
         share = np.clip((height_um[upper] + bow_um @ plane.normal) / drop_um, 0.0, 1.0)
     bow_um = _bow(share, bow_upper, bow_lower)
     points_um = start_um + share[:, None] * edge_um + bow_um
-    normals = _unit((1.0 - share)[:, None] * n_upper + share[:, None] * n_lower)
+    normals = _unit((1.0 - share)[:, None] * near_upper + share[:, None] * near_lower)
     return points_um, np.linalg.norm(bow_um, axis=1), normals, share
 
 
@@ -202,10 +208,16 @@ def _face_normals(part: Part, faces: IntArray) -> FloatArray:
     return _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
-def _vertex_normals(part: Part, vertices: IntArray, towards: FloatArray) -> FloatArray:
-    """Return the surface normal at vertices (k,), from the faces that are smooth with `towards`.
+def _vertex_normals(
+    part: Part, vertices: IntArray, towards: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return normals at vertices (k,), from the faces that are smooth with `towards`.
 
-    The weights are those of [Max1999], which make the normal exact on a sphere.
+    Returns
+    -------
+    near, wide : (k, 3) arrays
+        Weighted as in [Max1999], exact on a sphere, where small faces count most; and weighted
+        by area, where large ones do.
     """
     wanted = np.zeros(len(part.vertices_um), dtype=np.bool_)
     wanted[vertices] = True
@@ -226,12 +238,14 @@ def _vertex_normals(part: Part, vertices: IntArray, towards: FloatArray) -> Floa
     corner = order[np.repeat(first, count) + within]
     normal = _unit(cross)[corner // 3]
     smooth = np.einsum('ij,ij->i', normal, towards[asked]) > SMOOTH_COS
-    share = np.where(smooth, weight.ravel()[corner], 0.0)
-    result = np.zeros((len(vertices), 3))
-    np.add.at(result, asked, share[:, None] * normal)
-    lonely = np.linalg.norm(result, axis=1) == 0.0
-    result[lonely] = towards[lonely]
-    return _unit(result)
+    result = []
+    for values in (weight.ravel(), np.repeat(area, 3)):
+        total = np.zeros((len(vertices), 3))
+        np.add.at(total, asked, np.where(smooth, values[corner], 0.0)[:, None] * normal)
+        lonely = ~total.any(axis=1)
+        total[lonely] = towards[lonely]
+        result.append(_unit(total))
+    return result[0], result[1]
 
 
 def _one_of_each_cluster(share: FloatArray, upper: IntArray, lower: IntArray) -> IntArray:

@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-CORNER_RAD = math.radians(20.0)
+CORNER_RAD = math.radians(20.0) + 1e-6
 COLLINEAR_RAD = 2e-4
 END_RATIO = 3.0
 SPLINE_TURN_RAD = 0.02
@@ -48,7 +48,8 @@ def smooth_outline(points_um: FloatArray) -> tuple[FloatArray, FloatArray, Float
     normal_angle_rad : (m,) array
         Outward normals, unwrapped [rad].
     source : (m,) array
-        Where on the polygon: 2.25 is a quarter of the way from point 2 to point 3.
+        Where on the polygon: 2.25 is a quarter of the way from point 2 to point 3; ascending,
+        it may run past n.
     """
     count = len(points_um)
     index = _without_collinear(points_um)
@@ -72,7 +73,9 @@ def smooth_outline(points_um: FloatArray) -> tuple[FloatArray, FloatArray, Float
     repeated &= np.hypot(*(np.roll(tangents, -1, axis=0) - tangents).T) < 1e-9
     points, tangents, source = points[~repeated], tangents[~repeated], source[~repeated]
     angle = np.unwrap(np.arctan2(-tangents[:, 0], tangents[:, 1]))
-    return points, angle, np.interp(source, np.arange(len(index) + 1), [*index, count])
+    # The chain may start anywhere, so its sources run up to a turn further.
+    numbers = np.concatenate([index, index + count, index[:1] + 2 * count])
+    return points, angle, np.interp(source, np.arange(len(numbers)), numbers)
 
 
 def _without_collinear(points_um: FloatArray) -> NDArray[np.intp]:

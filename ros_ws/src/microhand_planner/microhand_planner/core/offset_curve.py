@@ -222,10 +222,11 @@ def _start_at_joint_i(
 
         found = []
         for index in rows.tolist():
-            if next_height[index] == 0.0:
-                fraction = 1.0
-            else:
+            ends = height_at(0.0, index), height_at(1.0, index)
+            if ends[0] * ends[1] < 0.0:
                 fraction = float(brentq(height_at, 0.0, 1.0, args=(index,), xtol=1e-15))
+            else:  # at an end, up to rounding
+                fraction = float(abs(ends[1]) < abs(ends[0]))
             contact, direction = arcs.points(np.array([index]), np.array([fraction]))
             found.append((side * (contact + radius_um * direction)[0, 0], index, fraction))
         if not found or max(found)[0] <= 0.0:

@@ -6,7 +6,9 @@ from __future__ import annotations
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import redirect_stderr
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +23,7 @@ from microhand_station.recording.run_writer import END_METADATA, RUN_METADATA
 from microhand_station.recording.setpoint_tally import SetpointTally
 
 _UM_PER_M = 1e6
+_LIMIT = 1.0  # no stage is a metre long, no period a second
 _STREAMING = 2  # StageState.STREAMING
 _FINGER_TOPIC = re.compile(r'/finger_([1-3])/(setpoints|state)$')
 
@@ -156,7 +159,8 @@ class _Collected:
     """Records of one file, sorted by what they are about."""
 
     def __init__(self) -> None:
-        self._decoders = DecoderFactory()
+        self._factory = DecoderFactory()
+        self._decoders: dict[int, Callable[[bytes], SimpleNamespace] | None] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._metadata: dict[str, dict[str, str]] = {}
@@ -189,8 +193,8 @@ class _Collected:
         is_plan, is_event = (channel.topic.endswith(end) for end in ('/plan', '/events'))
         if not (finger_topic or is_plan or is_event):
             return
-        decoded = self._decode(channel, message)
-        if decoded is None:
+        decoded = self._decode(channel, message.data)
+        if decoded is None or not _is_plausible(decoded):
             self._undecodable += 1
         elif finger_topic:
             finger, kind = finger_topic.groups()
@@ -200,15 +204,24 @@ class _Collected:
         else:
             self._plan = decoded
 
-    def _decode(self, channel: Channel, message: Message) -> SimpleNamespace | None:
-        schema = self._schemas.get(channel.schema_id)
+    def _decode(self, channel: Channel, data: bytes) -> SimpleNamespace | None:
         # Damaged bytes surface as whatever the decoder stumbles over.
         try:
-            decoder = self._decoders.decoder_for(channel.message_encoding, schema)
-            decoded = decoder(message.data) if decoder else None
+            if channel.id not in self._decoders:
+                self._decoders[channel.id] = self._decoder(channel)
+            decoder = self._decoders[channel.id]
+            return None if decoder is None else decoder(data)
         except Exception:
             return None
-        return None if len(getattr(decoded, 'positions', ())) % 3 else decoded
+
+    def _decoder(self, channel: Channel) -> Callable[[bytes], SimpleNamespace] | None:
+        """Make the decoder of a channel; None if its schema is missing or damaged."""
+        schema = self._schemas.get(channel.schema_id)
+        with redirect_stderr(StringIO()):  # the parser of schemas prints what it stumbles over
+            try:
+                return self._factory.decoder_for(channel.message_encoding, schema)
+            except Exception:
+                return None
 
     def run(self, path: Path) -> Run:
         start_ns, end_ns = min(self._log_ns, default=0), max(self._log_ns, default=0)
@@ -261,6 +274,17 @@ def _finger_record(
         missing=tally.missing,
         out_of_order=tally.out_of_order,
     )
+
+
+def _is_plausible(decoded: SimpleNamespace) -> bool:
+    """Whether positions and periods can be those of a stage; damaged bytes rarely are."""
+    numbers = list(getattr(decoded, 'positions', ()))
+    for name in ('position', 'command'):
+        if hasattr(decoded, name):
+            point = getattr(decoded, name)
+            numbers += [point.x, point.y, point.z]
+    in_threes = len(numbers) % 3 == 0
+    return in_threes and all(abs(x) < _LIMIT for x in (*numbers, getattr(decoded, 'period', 0.0)))
 
 
 def _points_um(points: Iterable[Any]) -> NDArray[np.float64]:

@@ -33,7 +33,7 @@ def parametric_section(
     spans : int
         Biarcs that stand for the curve.
     """
-    t = np.arange(spans) * (2.0 * math.pi / spans)
+    t = np.arange(spans, dtype=np.float64) * (2.0 * math.pi / spans)
     tangent = derivative_um(t)
     normal_angle = np.unwrap(np.arctan2(-tangent[:, 0], tangent[:, 1]))
     points, angles, _ = arc_spline(point_um(t), normal_angle)

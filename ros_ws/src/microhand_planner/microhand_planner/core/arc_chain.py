@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arcs of a section with the offset arcs that a tip's centre runs on while it rolls over them."""
+"""A run of circular arcs, and the arcs that a tip's centre runs on while it rolls over them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from microhand_planner.core.section import Section
-
 FloatArray = NDArray[np.float64]
-
-LARGEST_TURN_RAD = 0.2
 
 
 @dataclass(frozen=True)
@@ -29,20 +25,23 @@ class ArcChain:
         How far the normal turns along the arc [rad]; negative in a hollow.
     arc_length_um : (k,) array
         Length of the arc on the outline [µm]; 0 at a corner.
+    out_of_plane_sin, out_of_plane_rise : (k,) arrays
+        Sine of the angle between surface and plane normal at the start, and its change along
+        the arc.
     """
 
     contact_um: FloatArray
     normal_angle_rad: FloatArray
     turn_rad: FloatArray
     arc_length_um: FloatArray
+    out_of_plane_sin: FloatArray
+    out_of_plane_rise: FloatArray
 
     def __len__(self) -> int:
         """Return the number of arcs."""
         return len(self.turn_rad)
 
-    def points(
-        self, row: NDArray[np.intp], fraction: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def points(self, row: NDArray[np.intp], fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return contacts (q, 2) [µm] and normals (q, 2) at a fraction 0..1 of arcs `row`."""
         turn = fraction * self.turn_rad[row]
         angle = self.normal_angle_rad[row] + turn
@@ -52,9 +51,7 @@ class ArcChain:
         contact_um = self.contact_um[row] + chord_um[:, None] * tangent
         return contact_um, np.column_stack([np.cos(angle), np.sin(angle)])
 
-    def clip(
-        self, row: NDArray[np.intp], start: FloatArray, end: FloatArray
-    ) -> ArcChain:
+    def clip(self, row: NDArray[np.intp], start: FloatArray, end: FloatArray) -> ArcChain:
         """Return the parts of arcs `row` between two fractions each."""
         contact_um, _ = self.points(row, start)
         share = end - start
@@ -63,7 +60,17 @@ class ArcChain:
             self.normal_angle_rad[row] + start * self.turn_rad[row],
             share * self.turn_rad[row],
             share * self.arc_length_um[row],
+            self.out_of_plane_sin[row] + start * self.out_of_plane_rise[row],
+            share * self.out_of_plane_rise[row],
         )
+
+    def split(self, most_turn_rad: float) -> ArcChain:
+        """Return the same run, in arcs that turn by no more than `most_turn_rad` each."""
+        parts = np.ceil(np.abs(self.turn_rad) / most_turn_rad).astype(np.intp)
+        parts = np.maximum(parts, 1)
+        row = np.repeat(np.arange(len(parts)), parts)
+        number = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+        return self.clip(row, number / parts[row], (number + 1) / parts[row])
 
     def offset_length_um(self, radius_um: float) -> FloatArray:
         """Return the path of a tip's centre over each arc, (k,) [µm], signed.
@@ -72,16 +79,3 @@ class ArcChain:
         backwards, which no tip can do.
         """
         return self.arc_length_um + radius_um * self.turn_rad
-
-
-def section_arcs(section: Section) -> ArcChain:
-    """Return the arcs of a section, none of which turns by more than 0.2 rad."""
-    parts = np.ceil(np.abs(section.turn_rad) / LARGEST_TURN_RAD).astype(np.intp)
-    parts = np.maximum(parts, 1)
-    row = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
-    whole = ArcChain(
-        section.points_um, section.normal_angle_rad, section.turn_rad, section.arc_length_um
-    )
-    share = 1.0 / parts[row]
-    return whole.clip(row, number * share, (number + 1) * share)

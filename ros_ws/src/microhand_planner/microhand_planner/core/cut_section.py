@@ -70,7 +70,7 @@ def cut_section(part: Part, plane: Plane) -> Section:
         angles,
         out_of_plane_sin=slope,
         facet_gap_um=loop.facet_gap_um + _largest_gap_um(outline_um, source, loop.points_um),
-        ignored_loops=len(loops) - 1,
+        other_loops_um=tuple(other.points_um for other in loops if other is not loop),
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,7 +197,7 @@ def _bow(share: FloatArray, upper: FloatArray, lower: FloatArray) -> FloatArray:
     return (share * rest)[:, None] * (rest[:, None] * upper + share[:, None] * lower)
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def _unit(vectors: NDArray[np.floating[Any]]) -> FloatArray:
     """Return vectors of length 1; a zero vector stays zero."""
     length = np.linalg.norm(vectors, axis=1)
     return vectors / np.where(length > 0.0, length, 1.0)[:, None]

@@ -9,22 +9,28 @@ by θ maps x to x − θ exactly: along edges, about corners and through wide ho
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from microhand_planner.core.arc_chain import ArcChain, section_arcs
+from microhand_planner.core.arc_chain import ArcChain
+from microhand_planner.core.blocked_phases import blocked_intervals
 from microhand_planner.core.errors import InadmissibleContact
 from microhand_planner.core.outer_arcs import outer_arcs
 from microhand_planner.core.parameters import check_number
+from microhand_planner.core.part import Part
 from microhand_planner.core.section import Plane, Section, frozen_array
+from microhand_planner.core.tip_clearance import penetration_um
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+PENETRATION_SHARE = 0.001
+"""Share of its radius by which a tip may overlap the mesh, beyond what facets explain."""
+LARGEST_TURN_RAD = 0.2
+"""No arc of the table turns further, so that each crosses the X axis once at most."""
 KINK_RAD = 1e-6
 """A larger jump of the normal while the centre stays in place is a kink."""
 
@@ -96,20 +102,24 @@ class OffsetCurve:
         """Share of the phases at which no tip may stand."""
         return float(np.diff(self.blocked_rad, axis=1).sum()) / self.length_rad
 
-    def at(self, phase_rad: FloatArray) -> ContactPoints:
+    def at(self, phase_rad: FloatArray | float) -> ContactPoints:
         """Look up contacts at any phases (k,) [rad], exactly; periodic."""
         phase = np.atleast_1d(np.asarray(phase_rad, dtype=np.float64))
-        within = np.mod(phase, self.length_rad)
-        row = np.searchsorted(self.phase_rad, within, side='right') - 1
-        row = np.clip(row, 0, len(self.arcs) - 1)
-        start = self.phase_rad[row]
-        fraction = (within - start) / (self.phase_rad[row + 1] - start)
+        row, fraction = self.locate(phase)
         contact_um, normal = self.arcs.points(row, fraction)
         centre_um = contact_um + self.finger_radius_um * normal
         admissible = _obstacles_met(self.blocked_rad, self.length_rad, phase, phase) == 0
         return ContactPoints(phase, centre_um, contact_um, normal, admissible)
 
-    def rolls_freely(self, from_rad: FloatArray, to_rad: FloatArray) -> BoolArray:
+    def locate(self, phase_rad: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return the arc, and the fraction of it, at which each phase (k,) lies."""
+        within = np.mod(phase_rad, self.length_rad)
+        row = np.searchsorted(self.phase_rad, within, side='right') - 1
+        row = np.clip(row, 0, len(self.arcs) - 1)
+        start = self.phase_rad[row]
+        return row, (within - start) / (self.phase_rad[row + 1] - start)
+
+    def rolls_freely(self, from_rad: FloatArray | float, to_rad: FloatArray | float) -> BoolArray:
         """Tell whether a tip can roll straight from one phase to another.
 
         Parameters
@@ -141,12 +151,21 @@ def _obstacles_met(
     return np.asarray(begun - over + turns * len(starts))
 
 
-def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
+def offset_curve(
+    section: Section,
+    finger_radius_um: float,
+    part: Part | None = None,
+    max_out_of_plane_sin: float = 0.02,
+) -> OffsetCurve:
     """Build the path of a tip's centre around a section.
 
     Where a hollow is narrower than the tip, or the tip would touch two places at once, the path
     turns from one side to the other at a kink, and the outline in between is unreachable. A
     cavity whose mouth is too narrow in the plane counts as unreachable.
+
+    Phases are blocked where the surface leans out of the plane by more than a tolerance, where
+    the tip stands in another piece of the solid, and, with `part`, where it goes deeper than
+    0.001 r plus twice the facet gap into the solid anywhere, above or below the plane.
 
     Parameters
     ----------
@@ -154,11 +173,15 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
         The outline.
     finger_radius_um : float
         Radius of the tip [µm].
+    part : Part, optional
+        The solid, to look for contacts out of the plane.
+    max_out_of_plane_sin : float
+        Largest sine of the angle between surface normal and plane.
 
     Raises
     ------
     InvalidNumber, InvalidParameter
-        The radius is no positive number.
+        A number is outside its range.
     InadmissibleContact
         The path does not cross the X axis on both sides of the origin.
 
@@ -167,11 +190,12 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
     >>> from microhand_planner.core.analytic_sections import ellipse_section
     >>> from microhand_planner.core.section import XY_PLANE
     >>> curve = offset_curve(ellipse_section(10.0, 10.0, XY_PLANE), 5.0)
-    >>> round(curve.length_rad / (2.0 * math.pi), 9), curve.at(0.0).centre_um.round(6).tolist()
-    (3.0, [[15.0, 0.0]])
+    >>> round(curve.length_rad / np.pi, 9), curve.at(0.0).centre_um.round(6).tolist()
+    (6.0, [[15.0, 0.0]])
     """
     radius = check_number('finger-radius', finger_radius_um, low=0.01, high=1e4)
-    arcs = section_arcs(section)
+    check_number('max-out-of-plane-sin', max_out_of_plane_sin, low=0.0, high=1.0)
+    arcs = section.arcs.split(LARGEST_TURN_RAD)
     if not section.is_convex:
         arcs = outer_arcs(arcs, radius)
     arcs, joint_j_um = _start_at_joint_i(arcs, radius, section.plane)
@@ -180,7 +204,7 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
     jump = np.sin(0.5 * (np.roll(arcs.normal_angle_rad, -1) - end_angle))
     kinks_um = np.sort(path_um[1:][np.abs(jump) > KINK_RAD] % path_um[-1])
     touched = float(arcs.arc_length_um.sum()) / section.perimeter_um
-    return OffsetCurve(
+    curve = OffsetCurve(
         plane=section.plane,
         finger_radius_um=radius,
         arcs=arcs,
@@ -190,11 +214,24 @@ def offset_curve(section: Section, finger_radius_um: float) -> OffsetCurve:
         blocked_rad=frozen_array(np.zeros((0, 2))),
         unreachable_share=max(0.0, 1.0 - touched),
     )
+    deepest_um = PENETRATION_SHARE * radius + 2.0 * section.facet_gap_um
+
+    def is_blocked(phase_rad: FloatArray) -> BoolArray:
+        row, fraction = curve.locate(phase_rad)
+        lean = arcs.out_of_plane_sin[row] + fraction * arcs.out_of_plane_rise[row]
+        blocked = lean > max_out_of_plane_sin
+        centre_um = curve.at(phase_rad).centre_um
+        blocked |= _inside_odd_loops(centre_um, section.other_loops_um)
+        if part is not None:
+            in_object_um = section.plane.to_object(centre_um)
+            blocked |= penetration_um(part, in_object_um, radius) > deepest_um
+        return np.asarray(blocked)
+
+    blocked_rad = blocked_intervals(is_blocked, curve.length_rad)
+    return replace(curve, blocked_rad=frozen_array(blocked_rad))
 
 
-def _start_at_joint_i(
-    arcs: ArcChain, radius_um: float, plane: Plane
-) -> tuple[ArcChain, float]:
+def _start_at_joint_i(arcs: ArcChain, radius_um: float, plane: Plane) -> tuple[ArcChain, float]:
     """Rotate a closed chain so that it starts where the tip's centre crosses +X.
 
     Of several crossings the outermost counts: from there the tip can leave along the axis.
@@ -249,3 +286,16 @@ def _start_at_joint_i(
     keep = (last - first) * length_um[rows] > 1e-12 * length_um.sum()
     turned = arcs.clip(rows[keep], first[keep], last[keep])
     return turned, float((joint_j_um - start_um) % length_um.sum())
+
+
+def _inside_odd_loops(points_um: FloatArray, loops_um: tuple[FloatArray, ...]) -> BoolArray:
+    """Tell which points (k, 2) are inside material, by crossings of a ray to the right."""
+    inside = np.zeros(len(points_um), dtype=np.bool_)
+    u, v = points_um[:, :1], points_um[:, 1:]
+    for loop in loops_um:
+        (u0, v0), (u1, v1) = loop.T, np.roll(loop, -1, axis=0).T
+        spans = (v0 <= v) != (v1 <= v)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            meets = u0 + (v - v0) / (v1 - v0) * (u1 - u0)
+        inside ^= (spans & (meets > u)).sum(axis=1) % 2 == 1
+    return inside

@@ -72,7 +72,9 @@ def _rightmost_first(arcs: ArcChain, radius_um: float) -> ArcChain:
     """Start the chain where the tip's centre is furthest right: always on the outer boundary."""
     turn = np.abs(arcs.turn_rad)
     to_right = np.mod(-np.sign(arcs.turn_rad) * arcs.normal_angle_rad, 2.0 * math.pi)
-    place = np.divide(to_right, turn, out=np.zeros(len(arcs)), where=(turn > 0) & (to_right < turn))
+    place = np.divide(
+        to_right, turn, out=np.zeros(len(arcs)), where=(turn > 0) & (to_right < turn)
+    )
     contact_um, normal = arcs.points(np.arange(len(arcs)), place)
     best = int((contact_um + radius_um * normal)[:, 0].argmax())
     row = np.concatenate([np.arange(best, len(arcs)), np.arange(best + 1)])
@@ -126,9 +128,7 @@ def _meet(
         found[0, 1] = start_a[1] + share * av
         return 1
     if radius_a == 0.0:
-        return _meet(
-            start_b, end_b, middle_b, radius_b, start_a, end_a, middle_a, radius_a, found
-        )
+        return _meet(start_b, end_b, middle_b, radius_b, start_a, end_a, middle_a, radius_a, found)
     if radius_b == 0.0:
         across_u, across_v = end_b[0] - start_b[0], end_b[1] - start_b[1]
         size = math.hypot(across_u, across_v)

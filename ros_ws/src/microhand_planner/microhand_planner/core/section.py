@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from microhand_planner.core.errors import EmptySection
+from microhand_planner.core.arc_chain import ArcChain
 
 FloatArray = NDArray[np.float64]
 
@@ -100,8 +100,8 @@ class Section:
         Sine of the angle between the surface normal of the solid and the plane; 0 if not given.
     facet_gap_um : float
         Largest distance between this outline and the facets that it smooths [µm].
-    ignored_loops : int
-        Further loops in which the plane meets the solid, left out.
+    other_loops_um : tuple of (k, 2) arrays
+        Further loops in which the plane meets the solid, left out of the outline.
 
     Raises
     ------
@@ -112,9 +112,9 @@ class Section:
     plane: Plane
     points_um: FloatArray
     normal_angle_rad: FloatArray
-    out_of_plane_sin: FloatArray | None = None
+    out_of_plane_sin: FloatArray = field(default_factory=lambda: np.zeros(0))
     facet_gap_um: float = 0.0
-    ignored_loops: int = 0
+    other_loops_um: tuple[FloatArray, ...] = ()
     arc_length_um: FloatArray = field(init=False)
     turn_rad: FloatArray = field(init=False)
 
@@ -122,8 +122,8 @@ class Section:
         """Check the chain and derive length and turn of its arcs."""
         points = frozen_array(self.points_um)
         angles = frozen_array(self.normal_angle_rad)
-        slopes = self.out_of_plane_sin
-        slopes = frozen_array(np.zeros(len(angles)) if slopes is None else slopes)
+        given = len(self.out_of_plane_sin) > 0
+        slopes = frozen_array(self.out_of_plane_sin if given else np.zeros(len(angles)))
         if points.ndim != 2 or points.shape[1] != 2 or angles.shape != points.shape[:1]:
             raise ValueError(f'{points.shape} points do not fit {angles.shape} angles')
         if slopes.shape != angles.shape or len(angles) < 3:
@@ -148,6 +148,7 @@ class Section:
             ('out_of_plane_sin', slopes),
             ('arc_length_um', frozen_array(length)),
             ('turn_rad', frozen_array(turn)),
+            ('other_loops_um', tuple(frozen_array(loop) for loop in self.other_loops_um)),
         ):
             object.__setattr__(self, name, values)
 
@@ -155,6 +156,24 @@ class Section:
     def perimeter_um(self) -> float:
         """Length of the outline [µm]."""
         return float(self.arc_length_um.sum())
+
+    @property
+    def arcs(self) -> ArcChain:
+        """The outline as a run of arcs, closed."""
+        slope = self.out_of_plane_sin
+        return ArcChain(
+            self.points_um,
+            self.normal_angle_rad,
+            self.turn_rad,
+            self.arc_length_um,
+            slope,
+            np.roll(slope, -1) - slope,
+        )
+
+    @property
+    def ignored_loops(self) -> int:
+        """Number of loops that are not part of the outline."""
+        return len(self.other_loops_um)
 
     @property
     def is_convex(self) -> bool:

@@ -59,9 +59,7 @@ def signed_volumes_um3(vertices_um: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(np.einsum('ij,ij->i', corners[:, 0], cross) / 6.0)
 
 
-def _merge(
-    vertices_um: FloatArray, faces: IntArray, grid: float
-) -> tuple[FloatArray, IntArray]:
+def _merge(vertices_um: FloatArray, faces: IntArray, grid: float) -> tuple[FloatArray, IntArray]:
     """Merge vertices that share a cell of the grid; drop faces that lose their area by it."""
     used, faces = np.unique(faces, return_inverse=True)
     vertices_um, faces = vertices_um[used], faces.reshape(-1, 3)

@@ -57,18 +57,22 @@ class ParameterSpec:
         """Return why `value` is not allowed; empty if it is."""
         numbers = list(value) if isinstance(value, Iterable) else [value]
         count, kind = 1, 'a number'
-        accepted: tuple[type, ...] = (int, float)
         if isinstance(self.default, list):
             count, kind = 3, 'three numbers'
         elif isinstance(self.default, int):
-            accepted, kind = (int,), 'an integer'
-        if len(numbers) == count and all(
-            isinstance(x, accepted) and not isinstance(x, bool) and self.low <= x <= self.high
-            for x in numbers
-        ):
+            kind = 'an integer'
+        if len(numbers) == count and all(self._fits(x) for x in numbers):
             return ''
         allowed = f'{kind} from {self.low:g} to {self.high:g} {self.unit}'
         return f'{self.name} is {value}; allowed: {allowed.rstrip()}'
+
+    def _fits(self, number: object) -> bool:
+        """Return whether `number` has an accepted type and lies in the range."""
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            return False
+        if isinstance(self.default, int) and isinstance(number, float):
+            return False
+        return self.low <= number <= self.high
 
 
 def _per_axis(field: str, scale: float = 1.0) -> list[float]:

@@ -7,8 +7,8 @@ limit (the amplifier's current), then a second-order closed loop::
     x'' = w^2 (u - x) - 2 z w x'        w = 2 pi f: natural frequency, z: damping ratio
 
 with `u` the slew-limited command. `u` is linear in time between two events, and for a ramp of
-rate `q` the loop has the particular solution ``x_p = u - 2 z q / w``, ``x_p' = q``: what remains is
-a free oscillation about it, which the matrix exponential carries over any time step without error.
+rate `q` the loop has the particular solution ``x_p = u - 2 z q / w``, ``x_p' = q``: what remains
+is a free oscillation about it, which the matrix exponential carries over any time step exactly.
 """
 
 from __future__ import annotations

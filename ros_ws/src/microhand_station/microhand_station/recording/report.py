@@ -40,6 +40,7 @@ th{color:var(--dim);font-weight:normal}th:first-child,td:first-child,.text td{te
 svg{width:100%;height:auto;display:block}svg text{font-size:11px;fill:var(--dim)}
 .command{stroke-width:4;opacity:.3;fill:none}.measured{stroke-width:1.2;fill:none}
 .x{stroke:var(--x)}.y{stroke:var(--y)}.z{stroke:var(--z)}.axis{stroke:var(--line)}
+@media(max-width:40rem){table{font-size:.8rem}th,td{padding-right:.5rem;vertical-align:bottom}}
 .key{font-weight:bold}.key.x{color:var(--x)}.key.y{color:var(--y)}.key.z{color:var(--z)}
 """
 
@@ -125,7 +126,7 @@ def _rotations(rotations: Sequence[Mapping[str, Any]]) -> str:
         'angle_deg': 'angle [°]',
         'cost_deg': 'cost [°]',
         'reconfigurations': 'reconfigurations',
-        'expanded': 'states expanded',
+        'expanded': 'expanded',
         'time_s': 'search [s]',
     }
     rows = (
@@ -149,7 +150,14 @@ def _fingers(fingers: Mapping[int, FingerRecord]) -> str:
                 '–' if error is None else f'{error.max_um:.4f}',
             ]
         )
-    head = ['finger', 'setpoints', 'missing', 'out of order', 'tracking rms [µm]', 'max [µm]']
+    head = [
+        'finger',
+        'setpoints',
+        'missing',
+        'out of order',
+        'tracking error, rms [µm]',
+        'max [µm]',
+    ]
     return _table(head, rows)
 
 

@@ -22,7 +22,7 @@ from microhand_planner.core.outer_arcs import outer_arcs
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.part import Part
 from microhand_planner.core.section import Plane, Section, frozen_array
-from microhand_planner.core.tip_clearance import penetration_um
+from microhand_planner.core.tip_clearance import distance_to_part
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -224,7 +224,7 @@ def offset_curve(
         blocked |= _inside_odd_loops(centre_um, section.other_loops_um)
         if part is not None:
             in_object_um = section.plane.to_object(centre_um)
-            blocked |= penetration_um(part, in_object_um, radius) > deepest_um
+            blocked |= distance_to_part(in_object_um, part, radius) < radius - deepest_um
         return np.asarray(blocked)
 
     blocked_rad = blocked_intervals(is_blocked, curve.length_rad)

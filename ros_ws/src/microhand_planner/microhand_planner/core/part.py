@@ -163,6 +163,7 @@ def make_part(
     vertices_um, faces = outward_solid(name, vertices_um, np.asarray(faces, dtype=np.int64))
     if frame == 'principal_axes':
         vertices_um = to_principal_axes(vertices_um, faces)
+    vertices_um, faces = np.ascontiguousarray(vertices_um), np.ascontiguousarray(faces)
     vertices_um.setflags(write=False)
     faces.setflags(write=False)
     digest = hashlib.sha256(np.rint(vertices_um / HASH_GRID_UM).astype('<i8').tobytes())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a spherical tip goes into a solid, wherever it touches it."""
+"""How far a tip's centre is from a solid, in and out of the section plane."""
 
 from __future__ import annotations
 
@@ -16,53 +16,60 @@ IntArray = NDArray[np.int64]
 Point = tuple[float, float, float]
 
 BLOCK = 16
-"""Neighbouring tips that are first tested together against a face."""
+"""Neighbouring points that are first tested together against a face."""
 
 
-def penetration_um(part: Part, centre_um: FloatArray, radius_um: float) -> FloatArray:
-    """Return how deep spheres reach through the surface of a part, (k,) [µm].
+def distance_to_part(points_um: FloatArray, part: Part, at_most_um: float) -> FloatArray:
+    """Return the distance of points from the surface of a part, up to a limit.
 
     Parameters
     ----------
+    points_um : (k, 3) array
+        Object frame [µm]; fast if neighbours in the array are neighbours in space.
     part : Part
-        The solid.
-    centre_um : (k, 3) array
-        Centres, object frame [µm]; fast if neighbours in the array are neighbours in space.
-    radius_um : float
-        Radius of the spheres [µm].
+        The solid. A point inside has a distance from its surface, too.
+    at_most_um : float
+        Faces further away than this are not looked at [µm].
 
     Returns
     -------
     (k,) array
-        Radius less the distance to the nearest face; 0 if no face is within the sphere.
+        Distance to the nearest face [µm]; `at_most_um` if none is nearer.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from microhand_planner.core.part import make_part
+    >>> box = trimesh.creation.box(extents=[20.0, 10.0, 4.0])
+    >>> points_um = np.array([[13.0, 0.0, 0.0], [0.0, 0.0, 50.0]])
+    >>> distance_to_part(points_um, make_part('box', box.vertices, box.faces), 9.0).tolist()
+    [3.0, 9.0]
     """
-    faces = np.ascontiguousarray(part.faces)
-    return np.asarray(
-        _penetration(np.ascontiguousarray(centre_um), radius_um, part.vertices_um, faces)
-    )
+    points_um = np.array(points_um, dtype=np.float64, order='C')  # writable: one compiled kernel
+    return np.asarray(_nearest(points_um, at_most_um, part.vertices_um, part.faces))
 
 
 @njit(cache=True)
-def _penetration(
-    centres: FloatArray, radius: float, vertices: FloatArray, faces: IntArray
+def _nearest(
+    points: FloatArray, at_most: float, vertices: FloatArray, faces: IntArray
 ) -> FloatArray:
-    """Test blocks of centres, then single ones, against bounding spheres, then the faces."""
-    count = len(centres)
+    """Test blocks of points, then single ones, against bounding spheres, then the faces."""
+    count = len(points)
     blocks = (count + BLOCK - 1) // BLOCK
     block_middle, block_size = np.zeros((blocks, 3)), np.zeros(blocks)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for block in range(blocks):
         begin, end = block * BLOCK, min(count, (block + 1) * BLOCK)
         for axis in range(3):
-            smallest = centres[begin:end, axis].min()
-            largest = centres[begin:end, axis].max()
+            smallest = points[begin:end, axis].min()
+            largest = points[begin:end, axis].max()
             block_middle[block, axis] = 0.5 * (smallest + largest)
             low[axis] = min(low[axis], smallest)
             high[axis] = max(high[axis], largest)
         for i in range(begin, end):
-            away = _distance(_point(centres, i), _point(block_middle, block))
+            away = _distance(_point(points, i), _point(block_middle, block))
             block_size[block] = max(block_size[block], away)
-    nearest = np.full(count, radius)
+    nearest = np.full(count, at_most)
     for face in range(len(faces)):
         a = _point(vertices, faces[face, 0])
         b = _point(vertices, faces[face, 1])
@@ -73,7 +80,7 @@ def _penetration(
             (a[2] + b[2] + c[2]) / 3.0,
         )
         size = max(_distance(a, middle), _distance(b, middle), _distance(c, middle))
-        reach = radius + size
+        reach = at_most + size
         far = False
         for axis in range(3):
             far |= middle[axis] > high[axis] + reach or middle[axis] < low[axis] - reach
@@ -83,10 +90,10 @@ def _penetration(
             if _distance(middle, _point(block_middle, block)) > reach + block_size[block]:
                 continue
             for i in range(block * BLOCK, min(count, (block + 1) * BLOCK)):
-                p = _point(centres, i)
+                p = _point(points, i)
                 if _distance(middle, p) < nearest[i] + size:
                     nearest[i] = min(nearest[i], _to_triangle(p, a, b, c))
-    return radius - nearest
+    return nearest
 
 
 @njit(cache=True)

@@ -30,8 +30,9 @@ class _Hand:
     ) -> None:
         self.origin_um = np.asarray(pose.position_um)
         self.attitude = pose.rotation
-        self.tip_um = np.zeros((FINGERS, 3))  # relative to the object's origin, station axes
-        self.normal = np.full((FINGERS, 3), np.nan)
+        # relative to the object's origin, station axes
+        self.tip_um: FloatArray = np.zeros((FINGERS, 3))
+        self.normal: FloatArray = np.full((FINGERS, 3), np.nan)
         self.finger = finger
         self.waiting_radius_um = waiting_radius_um
         self.blocked = blocked
@@ -158,7 +159,7 @@ def _first_grasp(hand: _Hand, planned: PlannedRotation) -> Step:
     """Close the first grasp: its fingers come in together, the third one waits aside."""
     tip_um, normal = _contacts(hand, planned, planned.states[0])
     closing = [finger for finger in range(FINGERS) if np.isfinite(tip_um[finger, 0])]
-    ways = {
+    ways: dict[int, FloatArray] = {
         finger: hand.way_out_um(
             finger, tip_um[finger], normal[finger], planned.curve.plane.normal
         )[::-1]

@@ -26,7 +26,9 @@ from microhand_planner.core.search_state import (
     Grasp,
     cost_left_ndeg,
     is_any,
+    named_fingers,
     pack,
+    sorted_grasp,
     trace_back,
     unpack,
     unpack_all,
@@ -43,6 +45,7 @@ def graph_search(
     starts: Sequence[Grasp] | IntArray,
     goal: Grasp,
     *,
+    interchangeable: bool = True,
     reverse: bool = False,
     bound_ndeg: int = NO_BOUND,
     interrupt: IntArray | None = None,
@@ -59,8 +62,8 @@ def graph_search(
         Grasps to start from, of two fingers each.
     goal : tuple of 3 int
         Grasp of two fingers, or `ANY_GRASP`.
-    reverse : bool
-        True: search from the lattice's goal orientation to its start.
+    interchangeable, reverse : bool
+        As in `swap_search`.
     bound_ndeg : int
         Stop as soon as no path costs less than this [1e-9 deg].
     interrupt : (1,) int64, optional
@@ -84,13 +87,18 @@ def graph_search(
         law.friction,
         np.asarray(starts, dtype=np.int64).reshape(-1, 3),
         begin,
-        goal,
+        sorted_grasp(goal) if interchangeable else goal,
         end,
+        interchangeable,
         bound_ndeg,
         np.zeros(1, dtype=np.int64) if interrupt is None else interrupt,
     )
     states = unpack_all(keys, len(lattice.track_unit), len(lattice.theta_rad))
-    return SearchResult(Outcome(outcome), cost, states[::-1] if reverse else states, expanded)
+    if reverse:
+        states = states[::-1]
+    if interchangeable and len(states) > 0:
+        states = named_fingers(states)
+    return SearchResult(Outcome(outcome), cost, states, expanded)
 
 
 @nb.njit(cache=True)
@@ -155,6 +163,7 @@ def _search(
     begin: int,
     goal: Grasp,
     end: int,
+    interchangeable: bool,
     bound_ndeg: int,
     interrupt: IntArray,
 ) -> tuple[int, int, IntArray, int]:  # pragma: no cover - compiled
@@ -162,7 +171,9 @@ def _search(
     tracks, orientations = sample_of.shape
     nothing = np.zeros(0, dtype=np.int64)
     first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
-    start_total = cost_left_ndeg(first_start, goal, theta_ndeg[begin], theta_ndeg[end])
+    start_total = cost_left_ndeg(
+        first_start, goal, theta_ndeg[begin], theta_ndeg[end], interchangeable
+    )
     cost_of = {pack(first_start, begin, tracks, orientations): 0}
     parent_of = {pack(first_start, begin, tracks, orientations): 0}
     cost_of.clear()
@@ -176,6 +187,8 @@ def _search(
         while next_start < len(starts) and (len(queue) == 0 or queue[0][0] > start_total):
             grasp = (starts[next_start, 0], starts[next_start, 1], starts[next_start, 2])
             next_start += 1
+            if interchangeable:
+                grasp = sorted_grasp(grasp)
             if _stable(
                 _samples_at(grasp, begin, 0, block, sample_of),
                 centre_um, contact_um, normal, usable, min_distance_um, friction,
@@ -227,7 +240,9 @@ def _search(
                     continue
                 cost_of[new_key] = new_cost
                 parent_of[new_key] = key
-                left = cost_left_ndeg(grasp, goal, theta_ndeg[arrive], theta_ndeg[end])
+                left = cost_left_ndeg(
+                    grasp, goal, theta_ndeg[arrive], theta_ndeg[end], interchangeable
+                )
                 age -= 1
                 heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
 
@@ -240,9 +255,13 @@ def _search(
                 continue
             for track in range(low, high):
                 new_grasp = with_finger(grasp, finger, track)
-                left = cost_left_ndeg(new_grasp, goal, theta_ndeg[orientation], theta_ndeg[end])
+                left = cost_left_ndeg(
+                    new_grasp, goal, theta_ndeg[orientation], theta_ndeg[end], interchangeable
+                )
                 if left - estimate != (stage - 1) * RECONFIGURATION_NDEG:
                     continue
+                if interchangeable:
+                    new_grasp = sorted_grasp(new_grasp)
                 new_key = pack(new_grasp, orientation, tracks, orientations)
                 new_cost = cost + RECONFIGURATION_NDEG
                 if new_key in cost_of and cost_of[new_key] <= new_cost:

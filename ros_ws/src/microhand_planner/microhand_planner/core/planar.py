@@ -84,6 +84,7 @@ def solve_planar(problem: PlanarProblem, interrupt: IntArray | None = None) -> P
         problem.law,
         [_tracks(problem.start, problem.contacts)],
         _tracks(problem.goal, problem.contacts),
+        interchangeable=False,
         interrupt=interrupt,
     )
     if result.outcome is not Outcome.FOUND:

@@ -2,9 +2,9 @@
 """One planar rotation of a sequence with the cheapest finger motions for it.
 
 Between two rotations the fingers stand on joints I and J, where both section curves meet the X
-axis. Fingers are interchangeable, so a rotation from joints to joints has six goals: which
-finger ends on I, and which on J ([Kumar2021] §5.3). The first rotation of a sequence may begin,
-and the last may end, with any grasp ([Kumar2021] §4).
+axis. Which finger ends on I, and which on J, is open: six goals, of which the cheapest counts
+([Kumar2021] §5.3). The first rotation of a sequence may begin, and the last may end, with any
+grasp ([Kumar2021] §4).
 """
 
 from __future__ import annotations
@@ -22,11 +22,9 @@ from microhand_planner.core.offset_curve import OffsetCurve
 from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice, rotation_lattice
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
-from microhand_planner.core.search_state import ABSENT, ANY_GRASP, Grasp, cost_left_ndeg
+from microhand_planner.core.search_state import ABSENT, ANY_GRASP, Grasp
 from microhand_planner.core.starting_grasps import starting_grasps
 from microhand_planner.core.swap_search import swap_search
-
-_FINGER_ORDERS = ((0, 1, 2), (1, 0, 2), (0, 2, 1), (2, 0, 1), (1, 2, 0), (2, 1, 0))
 
 
 class Role(Enum):
@@ -113,7 +111,7 @@ def plan_planar_rotation(
     curve: OffsetCurve,
     problem: Problem,
     bound_ndeg: int = NO_BOUND,
-) -> PlannedRotation | None:
+) -> tuple[PlannedRotation | None, int]:
     """Find the cheapest finger motions for one rotation.
 
     Parameters
@@ -121,8 +119,8 @@ def plan_planar_rotation(
     part : PlanarRotation
         Axis and angle.
     role : Role
-        Which ends are on the joints. On the joints at the start, finger 1 is on I, finger 2 on J,
-        finger 3 free; likewise at the end of a rotation that is the first.
+        Which ends are on the joints. Which finger is where is open: any rotation of a sequence
+        can be done by other fingers.
     curve : OffsetCurve
         Path of the tips around the section.
     problem : Problem
@@ -132,8 +130,10 @@ def plan_planar_rotation(
 
     Returns
     -------
-    PlannedRotation or None
+    planned : PlannedRotation or None
         None: nothing cheaper than the bound exists; without a bound: nothing at all.
+    expanded : int
+        States expanded, whether or not something was found.
 
     Raises
     ------
@@ -156,72 +156,44 @@ def plan_planar_rotation(
         for orientation in (lattice.start, lattice.goal)
     )
     search = graph_search if problem.law.stick_uN == 0.0 else swap_search
-    expanded = 0
-
-    def run(
-        starts: IntArray | list[Grasp], goal: Grasp, bound: int, *, reverse: bool = False
-    ) -> SearchResult:
-        nonlocal expanded
-        result = search(
-            lattice,
-            problem.finger,
-            problem.law,
-            starts,
-            goal,
-            reverse=reverse,
-            bound_ndeg=bound,
-            interrupt=problem.interrupt,
-        )
-        expanded += result.expanded
-        _raise_if_interrupted(result.outcome, part, problem, expanded)
-        return result
-
-    found: SearchResult | None = None
-    if role is Role.MIDDLE:
-        start: Grasp = (at_start[0], at_start[1], ABSENT)
-        tracks = (at_goal[0], at_goal[1], ABSENT)
-        goals = [(tracks[i], tracks[j], tracks[k]) for i, j, k in _FINGER_ORDERS]
-        theta = lattice.theta_ndeg
-        goals.sort(
-            key=lambda goal: cost_left_ndeg(start, goal, theta[lattice.start], theta[lattice.goal])
-        )
-        for goal in goals:
-            result = run([start], goal, bound_ndeg)
-            if result.outcome is Outcome.FOUND:
-                found, bound_ndeg = result, result.cost_ndeg
-    else:
-        if role is Role.FIRST:
-            result = run([(at_goal[0], at_goal[1], ABSENT)], ANY_GRASP, bound_ndeg, reverse=True)
-        elif role is Role.LAST:
-            result = run([(at_start[0], at_start[1], ABSENT)], ANY_GRASP, bound_ndeg)
-        else:
-            starts = starting_grasps(lattice, lattice.start, problem.finger)
-            result = run(starts, ANY_GRASP, bound_ndeg)
-        if result.outcome is Outcome.FOUND:
-            found = result
-    if found is None:
-        return None
-    return PlannedRotation(
+    start: Grasp = (at_start[0], at_start[1], ABSENT)
+    goal: Grasp = (at_goal[0], at_goal[1], ABSENT)
+    starts = (
+        starting_grasps(lattice, lattice.start, problem.finger) if role is Role.ONLY else [start]
+    )
+    result = search(
+        lattice,
+        problem.finger,
+        problem.law,
+        [goal] if role is Role.FIRST else starts,
+        goal if role is Role.MIDDLE else ANY_GRASP,
+        reverse=role is Role.FIRST,
+        bound_ndeg=bound_ndeg,
+        interrupt=problem.interrupt,
+    )
+    _raise_if_interrupted(result, part, problem)
+    if result.outcome is not Outcome.FOUND:
+        return None, result.expanded
+    planned = PlannedRotation(
         part=part,
         curve=curve,
         lattice=lattice,
-        states=found.states,
-        cost_ndeg=found.cost_ndeg,
-        expanded=expanded,
+        states=result.states,
+        cost_ndeg=result.cost_ndeg,
+        expanded=result.expanded,
         time_s=problem.clock() - started,
     )
+    return planned, result.expanded
 
 
-def _raise_if_interrupted(
-    outcome: Outcome, part: PlanarRotation, problem: Problem, expanded: int
-) -> None:
+def _raise_if_interrupted(result: SearchResult, part: PlanarRotation, problem: Problem) -> None:
     """Turn an interruption into the error that says so."""
-    where = f'while planning the rotation about {part.axis}; {expanded} states expanded'
-    if outcome is Outcome.TIME_LIMIT:
+    where = f'while planning a rotation about {part.axis}; {result.expanded} states expanded'
+    if result.outcome is Outcome.TIME_LIMIT:
         raise TimeLimitReached(
             f'time limit of {problem.options.time_limit_s:g} s reached {where}; '
             'a plan may exist, allow more time',
-            expanded,
+            result.expanded,
         )
-    if outcome is Outcome.CANCELLED:
-        raise Cancelled(f'cancelled {where}', expanded)
+    if result.outcome is Outcome.CANCELLED:
+        raise Cancelled(f'cancelled {where}', result.expanded)

@@ -20,7 +20,7 @@ from microhand_planner.core.pose import FloatArray, Pose, angle_between_rad
 from microhand_planner.core.rotation_sequence import cheapest_sequence
 from microhand_planner.core.search_state import NDEG
 from microhand_planner.core.section_curves import SectionCurves, section_curves
-from microhand_planner.core.tip_clearance import distance_to_part_um
+from microhand_planner.core.tip_clearance import distance_to_part
 from microhand_planner.core.transfer import waiting_radius_um
 
 _SAME_ROTATION_RAD = 1e-9
@@ -106,7 +106,7 @@ def plan_reorientation(
         )
 
     def blocked(centres_um: FloatArray) -> bool:
-        near_um = distance_to_part_um(centres_um, geometry.part, finger.radius_um)
+        near_um = distance_to_part(centres_um, geometry.part, finger.radius_um)
         return bool(np.any(near_um < finger.radius_um - _TOUCH_UM))
 
     steps = finger_motions(

@@ -20,6 +20,8 @@ from microhand_planner.core.errors import InvalidNumber, InvalidRotation
 # Lengths of plans are whole picometres: they survive the way through metres and text unchanged.
 LENGTH_DIGITS = 6
 
+_UNIT_LENGTH = 1e-12
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -70,7 +72,8 @@ class Pose:
             raise InvalidRotation(
                 'quaternion', quaternion.tolist(), 'four finite numbers w x y z, not all zero'
             )
-        quaternion /= length
+        if abs(length - 1.0) > _UNIT_LENGTH:  # a unit quaternion stays what it is, to the last bit
+            quaternion /= length
         # q and -q are one rotation: choose, so that equal poses are equal bytes
         leading = quaternion[np.flatnonzero(np.abs(quaternion) > 1e-12)[0]]
         object.__setattr__(self, 'position_um', position)

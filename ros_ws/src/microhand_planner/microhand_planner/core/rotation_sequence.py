@@ -59,17 +59,24 @@ def cheapest_sequence(
     best_ndeg = NO_BOUND
     solved: dict[tuple[PlanarRotation, Role], tuple[PlannedRotation | None, int]] = {}
     failed: PlanarRotation | None = None
+    expanded = 0
 
     def solve(part: PlanarRotation, role: Role, bound_ndeg: int) -> PlannedRotation | None:
         """Solve each planar problem once, unless an earlier bound was tighter."""
+        nonlocal expanded
         planned, below_ndeg = solved.get((part, role), (None, -1))
         if planned is None and below_ndeg < bound_ndeg:
-            planned = plan_planar_rotation(part, role, curves[part.axis], problem, bound_ndeg)
+            planned, effort = plan_planar_rotation(
+                part, role, curves[part.axis], problem, bound_ndeg
+            )
+            expanded += effort
             solved[part, role] = (planned, bound_ndeg)
         return planned if planned is not None and planned.cost_ndeg < bound_ndeg else None
 
     for parts in sorted(decompositions, key=_least_cost_ndeg):
         left_ndeg = _least_cost_ndeg(parts)
+        if left_ndeg >= best_ndeg:
+            break
         sequence: list[PlannedRotation] = []
         spent_ndeg = 0
         for part, role in zip(parts, _roles(len(parts)), strict=True):
@@ -84,7 +91,6 @@ def cheapest_sequence(
         else:
             best, best_ndeg = sequence, spent_ndeg
     if not best:
-        expanded = sum(planned.expanded for planned, _ in solved.values() if planned is not None)
         raise NoPlanExists(
             'no plan exists: the search was exhaustive, and no sequence of grasps brings the '
             f'object to the goal (last tried: {_spoken(failed)}); a smaller step, more friction '

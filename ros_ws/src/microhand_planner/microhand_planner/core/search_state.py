@@ -3,9 +3,14 @@
 
 A state is a grasp and an orientation, the paper's ``[i j k l]`` with tracks for contacts:
 ``grasp[f]`` is the track of finger f + 1, or `ABSENT`. Costs are integers in nanodegrees.
+
+Fingers are alike. Where it does not matter which of them ends where, grasps that differ only in
+the names of their fingers are one state (`sorted_grasp`), and there are six times fewer.
 """
 
 from __future__ import annotations
+
+import itertools
 
 import numba as nb
 import numpy as np
@@ -23,6 +28,9 @@ RECONFIGURATION_NDEG = 180 * NDEG
 # [Kumar2021] Table 1, rebuilt from its §4.3: least number of placements and removals.
 # Row: fingers used in one of the two grasps only (ar); column: fingers on their goal track (dp).
 _RECONFIGURATIONS_LEFT = np.array([[6, 4, 0], [5, 3, 1], [4, 2, 2]])
+# The same when any finger may end on any goal track: the least over the six goals.
+# Row: three fingers placed or two; column: fingers on a goal track.
+_RECONFIGURATIONS_LEFT_OF_ANY = np.array([[4, 2, 0], [5, 3, 1]])
 
 
 @nb.njit(cache=True, inline='always')
@@ -55,6 +63,32 @@ def unpack_all(keys: IntArray, tracks: int, orientations: int) -> IntArray:
     return states
 
 
+def named_fingers(states: IntArray) -> IntArray:
+    """Return a path of sorted grasps with a column per finger, each finger keeping its track.
+
+    Parameters
+    ----------
+    states : (k, 4) int
+        Sorted grasps and orientations.
+
+    Returns
+    -------
+    (k, 4) int
+        The same path; fingers 1 and 2 hold the first grasp, and a free finger is placed wherever
+        a track is new.
+    """
+    named = states.copy()
+    for before, now in itertools.pairwise(named):
+        tracks = set(now[:3].tolist()) - {ABSENT}
+        held = np.where(np.isin(before[:3], list(tracks)), before[:3], ABSENT)
+        new = sorted(tracks - set(held.tolist()))
+        free = [finger for finger in range(3) if before[finger] == ABSENT]
+        now[:3] = held
+        now[free[: len(new)]] = new
+    named.setflags(write=False)
+    return named
+
+
 @nb.njit(cache=True, inline='always')
 def with_finger(grasp: Grasp, finger: int, track: int) -> Grasp:  # pragma: no cover - compiled
     """Return the grasp with one finger's track replaced."""
@@ -71,13 +105,30 @@ def is_any(goal: Grasp) -> bool:  # pragma: no cover - compiled
     return goal[0] < 0 and goal[1] < 0 and goal[2] < 0
 
 
+@nb.njit(cache=True, inline='always')
+def sorted_grasp(grasp: Grasp) -> Grasp:  # pragma: no cover - compiled
+    """Return the grasp with its tracks in falling order, absent fingers last."""
+    a, b, c = grasp
+    if a < b:
+        a, b = b, a
+    if b < c:
+        b, c = c, b
+    if a < b:
+        a, b = b, a
+    return (a, b, c)
+
+
 @nb.njit(cache=True)
 def cost_left_ndeg(
-    grasp: Grasp, goal: Grasp, theta_ndeg: int, goal_theta_ndeg: int
+    grasp: Grasp,
+    goal: Grasp,
+    theta_ndeg: int,
+    goal_theta_ndeg: int,
+    interchangeable: bool,
 ) -> int:  # pragma: no cover - compiled
     """Return the heuristic of [Kumar2021] Eq. 13: never more than the cost that is left.
 
-    Two fingers roll over the remaining angle, and the table tells the least number of
+    Two fingers roll over the remaining angle, and a table tells the least number of
     reconfigurations: a finger is on its goal's track (dp, Eq. 14-16), on another (ip),
     used in one of the two grasps only (ar), or in neither (nu).
     """
@@ -86,12 +137,31 @@ def cost_left_ndeg(
         return rolling
     on_goal_track = 0
     in_one_only = 0
+    placed = 0
     for finger in range(3):
-        if (grasp[finger] < 0) != (goal[finger] < 0):
+        track = grasp[finger]
+        placed += track >= 0
+        if interchangeable:
+            on_goal_track += track >= 0 and (track == goal[0] or track == goal[1])
+        elif (track < 0) != (goal[finger] < 0):
             in_one_only += 1
-        elif grasp[finger] >= 0 and grasp[finger] == goal[finger]:
+        elif track >= 0 and track == goal[finger]:
             on_goal_track += 1
-    return rolling + _RECONFIGURATIONS_LEFT[in_one_only, on_goal_track] * RECONFIGURATION_NDEG
+    if interchangeable:
+        left = _RECONFIGURATIONS_LEFT_OF_ANY[placed - 2, on_goal_track]
+    else:
+        left = _RECONFIGURATIONS_LEFT[in_one_only, on_goal_track]
+    return rolling + left * RECONFIGURATION_NDEG
+
+
+@nb.njit(cache=True, inline='always')
+def goal_tracks(
+    goal: Grasp, finger: int, interchangeable: bool
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Return the tracks on which a finger that is placed lowers the estimate; -1: none."""
+    if interchangeable:
+        return (goal[0], goal[1])
+    return (goal[finger], ABSENT)
 
 
 @nb.njit(cache=True)

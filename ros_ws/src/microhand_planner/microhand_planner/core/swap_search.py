@@ -31,8 +31,11 @@ from microhand_planner.core.search_state import (
     RECONFIGURATION_NDEG,
     Grasp,
     cost_left_ndeg,
+    goal_tracks,
     is_any,
+    named_fingers,
     pack,
+    sorted_grasp,
     trace_back,
     unpack,
     unpack_all,
@@ -50,6 +53,7 @@ def swap_search(
     starts: Sequence[Grasp] | IntArray,
     goal: Grasp,
     *,
+    interchangeable: bool = True,
     reverse: bool = False,
     bound_ndeg: int = NO_BOUND,
     interrupt: IntArray | None = None,
@@ -67,6 +71,9 @@ def swap_search(
         preferred. More than one only with the goal `ANY_GRASP`.
     goal : tuple of 3 int
         Grasp of two fingers, or `ANY_GRASP`. The orientations are those of the lattice.
+    interchangeable : bool
+        True: any finger may end on any track of the goal, and the path is that of the cheapest of
+        its six permutations; fingers are then named along the path. False: as given.
     reverse : bool
         True: search backward in time, from the lattice's goal orientation and the grasps `starts`
         to its start orientation and the grasp `goal`. The path is returned in forward order.
@@ -95,14 +102,19 @@ def swap_search(
         law.max_force_uN,
         np.asarray(starts, dtype=np.int64).reshape(-1, 3),
         begin,
-        goal,
+        sorted_grasp(goal) if interchangeable else goal,
         end,
+        interchangeable,
         reverse,
         bound_ndeg,
         np.zeros(1, dtype=np.int64) if interrupt is None else interrupt,
     )
     states = unpack_all(keys, len(lattice.track_unit), len(lattice.theta_rad))
-    return SearchResult(Outcome(outcome), cost, states[::-1] if reverse else states, expanded)
+    if reverse:
+        states = states[::-1]
+    if interchangeable and len(states) > 0:
+        states = named_fingers(states)
+    return SearchResult(Outcome(outcome), cost, states, expanded)
 
 
 @nb.njit(cache=True, inline='always')
@@ -191,6 +203,7 @@ def _search(
     begin: int,
     goal: Grasp,
     end: int,
+    interchangeable: bool,
     reverse: bool,
     bound_ndeg: int,
     interrupt: IntArray,
@@ -199,7 +212,9 @@ def _search(
     tracks, orientations = sample_of.shape
     nothing = np.zeros(0, dtype=np.int64)
     first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
-    start_total = cost_left_ndeg(first_start, goal, theta_ndeg[begin], theta_ndeg[end])
+    start_total = cost_left_ndeg(
+        first_start, goal, theta_ndeg[begin], theta_ndeg[end], interchangeable
+    )
     cost_of = {pack(first_start, begin, tracks, orientations): 0}
     parent_of = {pack(first_start, begin, tracks, orientations): 0}
     cost_of.clear()
@@ -214,6 +229,8 @@ def _search(
         while next_start < len(starts) and (len(queue) == 0 or queue[0][0] > start_total):
             grasp = (starts[next_start, 0], starts[next_start, 1], starts[next_start, 2])
             next_start += 1
+            if interchangeable:
+                grasp = sorted_grasp(grasp)
             free = _free_finger(grasp)
             one = sample_of[grasp[(free + 1) % 3], begin]
             two = sample_of[grasp[(free + 2) % 3], begin]
@@ -260,7 +277,9 @@ def _search(
                     continue
                 cost_of[new_key] = new_cost
                 parent_of[new_key] = key
-                left = cost_left_ndeg(grasp, goal, theta_ndeg[arrive], theta_ndeg[end])
+                left = cost_left_ndeg(
+                    grasp, goal, theta_ndeg[arrive], theta_ndeg[end], interchangeable
+                )
                 age -= 1
                 heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
 
@@ -269,17 +288,21 @@ def _search(
             stay_sample = sample_of[grasp[stay], orientation]
             leave_sample = sample_of[grasp[leave], orientation]
             without = with_finger(grasp, leave, ABSENT)
-            # the estimate depends on the new track only through 'is it the goal's track'
-            for to_goal_track in (False, True):
-                if to_goal_track and goal[free] < 0:
+            # the estimate depends on the new track only through 'is it a goal track', so all
+            # others are tried together; `tracks` stands for any of them
+            targets = goal_tracks(goal, free, interchangeable)
+            for target in (tracks, targets[0], targets[1]):
+                if target < 0:
                     continue
-                low, high = (goal[free], goal[free] + 1) if to_goal_track else (0, tracks)
-                example = with_finger(without, free, goal[free] if to_goal_track else tracks)
-                left = cost_left_ndeg(example, goal, theta_ndeg[orientation], theta_ndeg[end])
+                low, high = (0, tracks) if target == tracks else (target, target + 1)
+                example = with_finger(without, free, target)
+                left = cost_left_ndeg(
+                    example, goal, theta_ndeg[orientation], theta_ndeg[end], interchangeable
+                )
                 if left - estimate != (stage - 1) * _SWAP_NDEG:
                     continue
                 for track in range(low, high):
-                    if not to_goal_track and track == goal[free]:
+                    if target == tracks and (track == targets[0] or track == targets[1]):
                         continue
                     new_sample = sample_of[track, orientation]
                     new_um = centre_um[new_sample]
@@ -298,9 +321,10 @@ def _search(
                         friction, pull_off_uN, max_force_uN,
                     ):  # fmt: skip
                         continue
-                    new_key = pack(
-                        with_finger(without, free, track), orientation, tracks, orientations
-                    )
+                    new_grasp = with_finger(without, free, track)
+                    if interchangeable:
+                        new_grasp = sorted_grasp(new_grasp)
+                    new_key = pack(new_grasp, orientation, tracks, orientations)
                     new_cost = cost + _SWAP_NDEG
                     if new_key in cost_of and cost_of[new_key] <= new_cost:
                         continue

@@ -56,7 +56,7 @@ done = mkdir -p $(@D) && touch $@
 help:  ## list the commands
 	@echo 'microhand: plan and run the reorientation of a micro-object held by three fingers'
 	@echo
-	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|'
+	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/\1|\2/p' Makefile | while IFS='|' read -r target what; do printf '  make %-8s %s\n' "$$target" "$$what"; done
 	@echo
 	@echo 'Everything sets up .venv first if needed. PYTHON=python3.12 make setup chooses the Python (3.10 to 3.13).'
 
@@ -87,7 +87,7 @@ colcon: python $(COLCON_READY)  ## build the workspace with colcon, as on Ubuntu
 	AMENT_PREFIX_PATH=$(CURDIR)/$(TOOLS) CMAKE_PREFIX_PATH=$(CURDIR)/$(TOOLS) PATH=$(CURDIR)/$(TOOLS)/bin:$$PATH \
 	colcon --log-base build/$(TAG)/colcon/log build --base-paths $(SRC) \
 	  --build-base build/$(TAG)/colcon/build --install-base $(COLCON_INSTALL) \
-	  --cmake-args -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release \
+	  --cmake-args -G Ninja -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release \
 	    -DPython3_EXECUTABLE=$(CURDIR)/$(TOOLS)/bin/python -DPYTHON_EXECUTABLE=$(CURDIR)/$(TOOLS)/bin/python \
 	    -DCMAKE_PROJECT_INCLUDE=$(CURDIR)/$(MSGS)/_wheel/wheel.cmake
 	set +u; export AMENT_PREFIX_PATH=$(CURDIR)/$(TOOLS); source $(COLCON_INSTALL)/local_setup.bash; \

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import sys
 import time
+import traceback
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
 from typing import TypeVar
 
 import numpy as np
@@ -47,6 +48,22 @@ SWITCH_INTERVAL_S = 0.0005
 
 Response = TypeVar('Response', Command.Response, SetServo.Response)
 
+Transition = Callable[['StageDriverNode', LifecycleState], TransitionCallbackReturn]
+
+
+def _logged(transition: Transition) -> Transition:
+    """Log what breaks a transition: rclpy turns every exception into a bare ERROR."""
+
+    @wraps(transition)
+    def logged(node: StageDriverNode, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            return transition(node, state)
+        except Exception:
+            node.get_logger().fatal(traceback.format_exc())
+            raise
+
+    return logged
+
 
 class StageDriverNode(LifecycleNode):
     """Driver of one stage."""
@@ -54,7 +71,7 @@ class StageDriverNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__('stage_driver')
         declare_parameters(self)
-        self._parameters: DriverParameters | None = None
+        self._configured: DriverParameters | None = None
         self._stage: Stage | None = None
         self._loop: ControlLoop | None = None
         self._clock_map = ClockMap(0)
@@ -73,50 +90,62 @@ class StageDriverNode(LifecycleNode):
         self.create_service(GetStageLimits, '~/get_limits', self._on_get_limits)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
 
+    @_logged
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters and power the stage up."""
         if self.get_clock().ros_time_is_active:  # a stage moves in real time
             self.get_logger().error('use_sim_time is true; allowed: false')
             return TransitionCallbackReturn.FAILURE
         try:
-            self._parameters = read_parameters(self)
-            self._stage = _power_up(self._parameters)
+            self._configured = read_parameters(self)
+            self._stage = _power_up(self._configured)
         except StageError as error:
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
+    @_logged
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the servo where the stage stands and start the control loop."""
-        if self._parameters is None or self._stage is None:
+        if self._configured is None or self._stage is None:
             return TransitionCallbackReturn.FAILURE
         self._clock_map = ClockMap(self.get_clock().now().nanoseconds - time.monotonic_ns())
         controller = StageController(
             self._stage,
-            name=f'finger_{self._parameters.finger}',
-            settings=self._parameters.settings,
+            name=f'finger_{self._configured.finger}',
+            settings=self._configured.settings,
             now_s=time.monotonic(),
         )
-        self._loop = ControlLoop(controller, period_s=self._parameters.control_period_s)
+        self._loop = ControlLoop(controller, period_s=self._configured.control_period_s)
         self._loop.start()
-        self._state_timer = self.create_timer(self._parameters.state_period_s, self._publish_state)
+        self._state_timer = self.create_timer(self._configured.state_period_s, self._publish_state)
         return super().on_activate(state)
 
+    @_logged
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the stage to rest and end the control loop; the servo keeps holding."""
         self._end_loop()
         return super().on_deactivate(state)
 
+    @_logged
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the stage."""
         self._power_down()
         return super().on_cleanup(state)
 
+    @_logged
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the stage to rest and let go of it."""
         self._end_loop()
         self._power_down()
         return super().on_shutdown(state)
+
+    @_logged
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After a transition that broke: let go of the stage, ready to be configured again."""
+        self._end_loop()
+        self._power_down()
+        return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
         """Bring the stage to rest, then destroy the node."""
@@ -136,7 +165,7 @@ class StageDriverNode(LifecycleNode):
         if self._stage is not None:
             self._stage.set_servo(False, time.monotonic())
         self._stage = None
-        self._parameters = None
+        self._configured = None
 
     def _on_chunk(self, message: SetpointChunk) -> None:
         if self._loop is None:
@@ -190,9 +219,9 @@ class StageDriverNode(LifecycleNode):
         return response
 
     def _publish_state(self) -> None:
-        if self._loop is None or self._parameters is None:
+        if self._loop is None or self._configured is None:
             return
-        frame_id = f'finger_{self._parameters.finger}_base'
+        frame_id = f'finger_{self._configured.finger}_base'
         snapshot = self._loop.snapshot()
         self._state.publish(state_message(snapshot, self._clock_map, frame_id))
         self._publish_events(self._loop)

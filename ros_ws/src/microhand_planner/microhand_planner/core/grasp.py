@@ -60,6 +60,23 @@ def pair_presses(
 
 
 @nb.njit(cache=True)
+def _normals_balance(
+    contact_um: FloatArray, normal: FloatArray, scale_um: float
+) -> bool:  # pragma: no cover - compiled
+    """Return whether three forces along the normals balance, all of them pressing."""
+    along = np.zeros(3)
+    moment = 0.0
+    for contact in range(3):
+        j, k = (contact + 1) % 3, (contact + 2) % 3
+        along[contact] = normal[j, 0] * normal[k, 1] - normal[j, 1] * normal[k, 0]
+        lever = contact_um[contact, 0] * normal[contact, 1]
+        lever -= contact_um[contact, 1] * normal[contact, 0]
+        moment += along[contact] * lever / scale_um
+    same_sign = along.min() > _SHARE or along.max() < -_SHARE
+    return same_sign and abs(moment) <= _TINY
+
+
+@nb.njit(cache=True)
 def triple_presses(
     contact_um: FloatArray, normal: FloatArray, friction: float
 ) -> bool:  # pragma: no cover - compiled
@@ -79,6 +96,8 @@ def triple_presses(
     scale = 0.0
     for contact in range(3):
         scale = max(scale, abs(contact_um[contact, 0]), abs(contact_um[contact, 1]))
+    if friction == 0.0:  # the edges of a cone coincide, and the six of them span too little
+        return _normals_balance(contact_um, normal, scale)
     fx = np.zeros(6)
     fy = np.zeros(6)
     moment = np.zeros(6)

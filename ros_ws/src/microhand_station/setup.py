@@ -23,12 +23,12 @@ setup(
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
         (f'share/{NAME}/config', sorted(glob('config/*.yaml'))),
     ],
-    install_requires=['click', 'mcap', 'mcap-ros2-support', 'numpy', 'rich'],
+    install_requires=['click', 'mcap', 'mcap-ros2-support', 'numpy', 'pyyaml', 'rich'],
     entry_points={
         'console_scripts': [
-            'microhand = microhand_station.cli:main',
+            'microhand = microhand_station.cli.app:main',
             'recorder = microhand_station.recording.recorder_node:main',
-            'sequencer = microhand_station.sequencer:main',
+            'sequencer = microhand_station.sequencer.node:main',
         ],
     },
     zip_safe=True,

@@ -176,7 +176,7 @@ def _time_step(step: Step, pace: Pace) -> tuple[FloatArray, FloatArray, FloatArr
     tip_um_s, axis_um_s = curve.speed_bounds()
     slower = max(1.0, tip_um_s / pace.travel_um_s, axis_um_s / pace.axis_um_s)
     periods = max(1, math.ceil(PEAK_OF_MINIMUM_JERK * slower * times[-1] / pace.period_s))
-    share, share_rate = minimum_jerk(np.linspace(0.0, 1.0, periods + 1))
+    share, share_rate = minimum_jerk(np.arange(periods + 1) / periods)
     parameter = share * times[-1]
     tip, derivative = curve.at(parameter)
     velocity = derivative * (share_rate * times[-1] / (periods * pace.period_s))[:, None, None]

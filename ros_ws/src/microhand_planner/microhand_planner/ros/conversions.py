@@ -207,13 +207,14 @@ def _step_from_msg(number: int, message: PlanStep) -> Step:
     """Return the step of a message."""
     if message.kind not in KINDS:
         raise InvalidPlan(f'step {number}: kind', message.kind, f'0 to {max(KINDS)}')
+    first, second, third = message.in_contact
     quaternion = _rows(number, 'object_orientations', message.object_orientations, (4,))
     return Step(
         kind=KINDS[message.kind],
         rotation=message.rotation,
         finger=message.finger,
         angle_rad=message.angle,
-        in_contact=tuple(bool(touches) for touches in message.in_contact),
+        in_contact=(bool(first), bool(second), bool(third)),
         object_position_um=um_from_m(
             _rows(number, 'object_positions', message.object_positions, (3,))
         ),

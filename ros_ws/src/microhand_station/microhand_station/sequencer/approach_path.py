@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From where the fingers are to where a plan begins: one finger after another, around the object."""
+"""The way to where a plan begins: one finger after another, around the object."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ def way_to_start(tip_um: FloatArray, plan: Plan) -> tuple[Step, ...]:
         if distance_um > nearest_um:
             nearest_um, pair = distance_um, closest
     raise RunFailed(
-        f'no safe way to the start of the plan: fingers {pair[0] + 1} and {pair[1] + 1} would come '
-        f'as near as {nearest_um:.2f} µm; allowed: >= {plan.finger.min_distance_um:g} µm. '
+        f'no safe way to the start of the plan: fingers {pair[0] + 1} and {pair[1] + 1} would '
+        f'come as near as {nearest_um:.2f} µm; allowed: >= {plan.finger.min_distance_um:g} µm. '
         'Home the stages first',
         NOT_ALLOWED,
     )
@@ -69,8 +69,8 @@ def _around(start: FloatArray, goal: FloatArray, keep_um: float) -> FloatArray:
     Straight if the chord is nowhere nearer to the origin than `keep_um`.
     """
     chord = goal - start
-    share = np.clip(-(start @ chord) / max(chord @ chord, 1e-30), 0.0, 1.0)
-    passes_at_um = np.linalg.norm(start + share * chord)
+    share = np.clip(-float(start @ chord) / max(float(chord @ chord), 1e-30), 0.0, 1.0)
+    passes_at_um = float(np.linalg.norm(start + share * chord))
     if passes_at_um >= keep_um - ALREADY_THERE_UM:
         return np.stack([start, goal])
     radius = max(keep_um, float(np.linalg.norm(start)), float(np.linalg.norm(goal)))
@@ -90,9 +90,9 @@ def _around(start: FloatArray, goal: FloatArray, keep_um: float) -> FloatArray:
 
 def _unit(vector: FloatArray, fallback: FloatArray) -> FloatArray:
     """Return the direction of a vector, or of another one if it has none."""
-    length = np.linalg.norm(vector)
+    length = float(np.linalg.norm(vector))
     if length < 1e-9:
-        return fallback / np.linalg.norm(fallback)
+        return fallback / float(np.linalg.norm(fallback))
     return vector / length
 
 

@@ -76,6 +76,10 @@ class SetpointStream:
         handed_out = self.sent if self._tail is None else self._tail_from
         return self._begin + max(handed_out - 1, 0)
 
+    def due(self, periods: int) -> int:
+        """Return the setpoint of the trajectory that is due, `periods` after the first one."""
+        return min(self._begin + max(periods, 0), self.position)
+
     def next_chunk(self, size: int = CHUNK) -> Chunk:
         """Return the next chunk, of `size` setpoints or what is left."""
         first, stop = self.sent, min(self.sent + size, self.length)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the stages report, judged: is every one of them there, in order, and keeping up?"""
+"""What the stages report, judged: is each of them there, in order, and keeping up."""
 
 from __future__ import annotations
 

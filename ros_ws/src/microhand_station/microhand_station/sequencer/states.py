@@ -28,6 +28,7 @@ class State(IntEnum):
          └◀──── reset ──── EMERGENCY ◀──── emergency, from every state
 
     ``stop`` is a cancel of the caller or a fault; ``done`` means that the stages stand.
+    ``reset`` is also allowed in IDLE: it clears faults of the stages.
     """
 
     IDLE = 0
@@ -66,6 +67,7 @@ TRANSITIONS = {
     (State.RUNNING, Event.DONE): State.IDLE,
     (State.STOPPING, Event.DONE): State.IDLE,
     (State.EMERGENCY, Event.RESET): State.IDLE,
+    (State.IDLE, Event.RESET): State.IDLE,
     **{(state, Event.EMERGENCY): State.EMERGENCY for state in State},
 }
 

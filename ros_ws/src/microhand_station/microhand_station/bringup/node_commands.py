@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Station file to command lines: which nodes a station has, and what each is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from microhand_planner.ros.conversions import UM_PER_M, m_from_um
+from microhand_station.config import FingerConfig, StationConfig
+
+
+@dataclass(frozen=True)
+class NodeCommand:
+    """How to start one node.
+
+    Parameters
+    ----------
+    name : str
+        For people, and of its log.
+    module : str
+        Its ``main`` runs the node.
+    arguments : tuple of str
+        ROS arguments.
+    """
+
+    name: str
+    module: str
+    arguments: tuple[str, ...]
+
+
+def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
+    """Write the parameter files of a station's nodes, and return how to start them.
+
+    Parameters
+    ----------
+    config : StationConfig
+        Written to ``station.yaml`` in `folder` already.
+    folder : Path
+        Of the station; the recorder writes its files there.
+    """
+    root = f'/{config.namespace.strip("/")}'.rstrip('/')
+
+    def command(
+        name: str, module: str, parameters: Mapping[str, Any], namespace: str = '', *extra: str
+    ) -> NodeCommand:
+        path = folder / f'{name}.params.yaml'
+        path.write_text(yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}}), 'utf-8')
+        full = f'{root}{namespace}' or '/'
+        arguments = ('--ros-args', '-r', f'__ns:={full}', '--params-file', str(path), *extra)
+        return NodeCommand(name, module, arguments)
+
+    for finger, stage in enumerate(config.fingers, start=1):
+        yield command(
+            f'finger_{finger}',
+            'stage_driver_sim.driver_node',
+            _driver_parameters(finger, stage),
+            f'/finger_{finger}',
+            *('-r', f'events:={root}/events'),
+        )
+    yield command('planner', 'microhand_planner.ros.planner_node', {'frame': config.frame})
+    yield command(
+        'recorder', 'microhand_station.recording.recorder_node', {'run_dir': str(folder)}
+    )
+    yield command(
+        'sequencer',
+        'microhand_station.sequencer.node',
+        {'config': str(folder / 'station.yaml')},
+    )
+
+
+def _driver_parameters(finger: int, stage: FingerConfig) -> dict[str, Any]:
+    """Return the parameters of a stage driver, in SI units."""
+    return {
+        'finger': finger,
+        'travel_lower': m_from_um(stage.lower_um).tolist(),
+        'travel_upper': m_from_um(stage.upper_um).tolist(),
+        'home': m_from_um(stage.home_um).tolist(),
+        'max_velocity': stage.max_velocity_um_s / UM_PER_M,
+        **stage.driver,
+    }

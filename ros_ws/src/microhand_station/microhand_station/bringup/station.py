@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole station: its six nodes as processes, configured, active, watched, and ended."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from microhand_planner.core.errors import BadRequest, RunFailed
+from microhand_planner.core.plan import FINGERS
+from microhand_station.bringup.lifecycle import activate
+from microhand_station.bringup.node_commands import node_commands
+from microhand_station.bringup.processes import NodeProcess, end_processes
+from microhand_station.bringup.signals import undisturbed
+from microhand_station.client import ANSWER_S, StationClient
+from microhand_station.config import StationConfig, write_config
+from microhand_station.service_call import POLL_S
+
+START_S = 30.0
+"""Longest time for the nodes to be there [s]: Python, numba and discovery on a busy machine."""
+
+
+class RunningStation:
+    """The processes of a station, for as long as the context lasts.
+
+    Parameters
+    ----------
+    config : StationConfig
+        What to start.
+    folder : Path
+        Made here; gets the station file, the logs and the records.
+    domain_id : int or None
+        ROS domain; None: that of the environment.
+    on_news : callable
+        Told what happens, one sentence at a time.
+    """
+
+    def __init__(
+        self,
+        config: StationConfig,
+        folder: Path,
+        domain_id: int | None,
+        on_news: Callable[[str], None],
+    ) -> None:
+        self._config = config
+        self._folder = folder
+        self._on_news = on_news
+        self._environment = {
+            'ROS_LOG_DIR': os.environ.get('ROS_LOG_DIR', str(folder / 'ros_log')),
+            **({} if domain_id is None else {'ROS_DOMAIN_ID': str(domain_id)}),
+        }
+        self._domain_id = domain_id
+        self._processes: list[NodeProcess] = []
+        self._mourned: set[str] = set()
+        self.troubles: list[str] = []
+        """What did not go well at the end; complete when the context has ended."""
+
+    def __enter__(self) -> RunningStation:
+        """Start everything, and return when every node answers and the stages hold."""
+        try:
+            self._start()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End every process."""
+        self._end()
+
+    def look(self) -> None:
+        """Tell of processes that have ended since the last look; the others stay up."""
+        for process in self._processes:
+            if process.exit_status is not None and process.name not in self._mourned:
+                self._mourned.add(process.name)
+                self._on_news(
+                    f'{process.name} ended with status {process.exit_status}: '
+                    f'{process.last_words()} (log: {process.log})'
+                )
+
+    def _start(self) -> None:
+        """Start the processes and bring them to work."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_config(self._config, self._folder / 'station.yaml')
+        except OSError as error:
+            raise BadRequest(
+                'run-dir', f'{self._folder} ({error.strerror})', 'a folder that can be written'
+            ) from error
+        for node in node_commands(self._config, self._folder):
+            self._processes.append(
+                NodeProcess(
+                    node.name,
+                    node.module,
+                    node.arguments,
+                    self._folder / f'{node.name}.log',
+                    self._environment,
+                )
+            )
+        with StationClient(self._config.namespace, self._domain_id) as client:
+            for finger in range(1, FINGERS + 1):
+                name = f'finger_{finger}'
+                self._wait_for(client, f'{name}/stage_driver')
+                activate(
+                    client.node,
+                    f'{name}/stage_driver',
+                    who=f'the stage driver of finger {finger}',
+                    deadline_s=ANSWER_S,
+                )
+            for name in ('planner', 'sequencer', 'recorder'):
+                self._wait_for(client, name)
+            client.wait_until_ready(START_S)
+            self._check_alone(client)
+
+    def _wait_for(self, client: StationClient, name: str) -> None:
+        """Return when a node is there; raise if it does not come, or if its process ended."""
+        give_up_s = time.monotonic() + START_S
+        while client.count_nodes(name) == 0:
+            for process in self._processes:
+                if process.exit_status is not None:
+                    raise RunFailed(
+                        f'{process.name} did not start: {process.last_words()} '
+                        f'(log: {process.log})'
+                    )
+            if time.monotonic() > give_up_s:
+                raise RunFailed(f'{name} is not there after {START_S:g} s')
+            time.sleep(POLL_S)
+
+    def _check_alone(self, client: StationClient) -> None:
+        """Raise if another station has the same names."""
+        if client.count_nodes('sequencer') > 1:
+            raise BadRequest(
+                'namespace',
+                f'{self._config.namespace!r}, where a station runs already',
+                'another --namespace or another --domain-id',
+            )
+
+    def _end(self) -> None:
+        """End every process: first the one that moves the stages, then the others."""
+        with undisturbed():
+            first = [process for process in self._processes if process.name == 'sequencer']
+            self.troubles += end_processes(first)
+            self.troubles += end_processes(self._processes)

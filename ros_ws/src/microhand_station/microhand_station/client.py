@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A station from Python: plan, execute, watch the progress, stop. Used by the command line."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from microhand_msgs_py.action import ExecutePlan
+from microhand_msgs_py.srv import Command, PlanRotation
+from rclpy.action import ActionClient
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from microhand_planner.core.errors import MicrohandError, RunFailed
+from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.plan import Plan
+from microhand_planner.core.pose import Pose
+from microhand_planner.ros.conversions import (
+    UM_PER_M,
+    options_to_msg,
+    plan_from_msg,
+    plan_to_msg,
+    pose_to_msg,
+)
+from microhand_station.sequencer.progress import Progress
+from microhand_station.service_call import POLL_S, call
+
+STAGE_MISSING = 300
+ANSWER_S = 5.0
+"""Longest wait for an answer that needs no work [s]."""
+SPIN_S = 0.05
+
+
+class StationError(MicrohandError):
+    """What a node of the station answered instead of a result.
+
+    Parameters
+    ----------
+    message : str
+        As the node said it.
+    code : int
+        See ErrorCode; its hundreds decide the exit status.
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+        self.exit_status = {1: 2, 2: 3}.get(code // 100, 4)
+
+
+@dataclass(frozen=True)
+class PlanAnswer:
+    """A plan, and what it took.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was asked for.
+    planning_time_s : float
+        In the planner [s].
+    goal_error_rad : float
+        Angle between the goal and the orientation that the plan reaches [rad].
+    """
+
+    plan: Plan
+    planning_time_s: float
+    goal_error_rad: float
+
+
+@dataclass(frozen=True)
+class ExecutionResult:
+    """How an execution ended, if it went well.
+
+    Parameters
+    ----------
+    record_file : Path or None
+        The record; None: not recorded.
+    setpoints_sent : int
+        To each finger.
+    duration_s : float
+        Of the motion [s].
+    held : bool or None
+        Whether the object was held throughout; None: nothing watched it.
+    final_error_rad : float or None
+        Orientation error at the end [rad]; None: nothing watched the object.
+    """
+
+    record_file: Path | None
+    setpoints_sent: int
+    duration_s: float
+    held: bool | None
+    final_error_rad: float | None
+
+
+class StationClient:
+    """A connection to one station; spins in a thread of its own, so every method just waits.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the station.
+    domain_id : int or None
+        ROS domain; None: that of the environment.
+
+    Examples
+    --------
+    ::
+
+        with StationClient() as station:
+            answer = station.plan('ellipsoid', Pose(), goal)
+            station.execute(answer.plan, on_progress=lambda p: print(p.step, p.steps))
+    """
+
+    def __init__(self, namespace: str = '', domain_id: int | None = None) -> None:
+        self._context = Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=domain_id,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = rclpy.create_node(
+            'microhand_client', namespace=namespace, context=self._context
+        )
+        """For what else is to be asked of the station; spun by the client."""
+        self._plan = self.node.create_client(PlanRotation, 'planner/plan_rotation')
+        self._execute = ActionClient(self.node, ExecutePlan, 'sequencer/execute_plan')
+        self._goal: Any = None
+        self._closing = threading.Event()
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._spinner = threading.Thread(target=self._spin, name='station client')
+        self._spinner.start()
+
+    def __enter__(self) -> StationClient:
+        """Return the client itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the connection."""
+        self.close()
+
+    def close(self) -> None:
+        """Leave the station; a run that is under way goes on."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._spinner.join()
+            self._executor.shutdown()
+            self._execute.destroy()
+            self.node.destroy_node()
+            rclpy.shutdown(context=self._context)
+
+    def wait_until_ready(self, deadline_s: float) -> None:
+        """Return when planner and sequencer are there.
+
+        Raises
+        ------
+        RunFailed
+            One of them is not, when the time is over.
+        """
+        self._wait_for(self._plan.service_is_ready, 'planner', deadline_s)
+        self._wait_for(self._execute.server_is_ready, 'sequencer', deadline_s)
+
+    def count_nodes(self, name: str) -> int:
+        """Return how many nodes of this name, relative to the station, are to be seen."""
+        full_name = f'{self.node.get_namespace().rstrip("/")}/{name}'
+        return sum(
+            f'{namespace.rstrip("/")}/{node}' == full_name
+            for node, namespace in self.node.get_node_names_and_namespaces()
+        )
+
+    def plan(
+        self,
+        object_name: str,
+        start: Pose,
+        goal: Pose,
+        *,
+        unit_um: float = 0.0,
+        finger: Finger | None = None,
+        law: ContactLaw | None = None,
+        options: SearchOptions | None = None,
+    ) -> PlanAnswer:
+        """Have a reorientation planned; nothing moves.
+
+        Parameters
+        ----------
+        object_name : str
+            Catalogue name, or path of a mesh file on the planner's machine.
+        start, goal : Pose
+            Object in the station frame.
+        unit_um : float
+            Length of one unit of the mesh [µm]; 0: the catalogue's, or 1 µm.
+        finger, law, options
+            Default: those of the classes.
+
+        Raises
+        ------
+        StationError
+            With the planner's code and sentence.
+        """
+        options = options or SearchOptions()
+        request = PlanRotation.Request(
+            object=object_name,
+            unit=unit_um / UM_PER_M,
+            start_pose=pose_to_msg(start),
+            goal_pose=pose_to_msg(goal),
+            options=options_to_msg(finger or Finger(), law or ContactLaw(), options),
+        )
+        self._wait_for(self._plan.service_is_ready, 'planner', ANSWER_S)
+        future = self._plan.call_async(request)
+        answer = self._result(future, self._plan.service_is_ready, 'planner')
+        if answer.error_code:
+            raise StationError(answer.error_msg, answer.error_code)
+        return PlanAnswer(plan_from_msg(answer.plan), answer.planning_time, answer.goal_error)
+
+    def execute(
+        self,
+        plan: Plan,
+        run_name: str = '',
+        on_progress: Callable[[Progress], None] | None = None,
+    ) -> ExecutionResult:
+        """Execute a plan and wait until the stages are on target.
+
+        Parameters
+        ----------
+        plan : Plan
+            Checked by the sequencer before anything moves.
+        run_name : str
+            Of the record; empty: made from the time.
+        on_progress : callable, optional
+            Told several times a second, in the client's own thread.
+
+        Raises
+        ------
+        StationError
+            With the sequencer's code and sentence. Interrupting the call cancels the run.
+        """
+
+        def tell(message: Any) -> None:
+            if on_progress is not None:
+                on_progress(_progress(message.feedback))
+
+        self._wait_for(self._execute.server_is_ready, 'sequencer', ANSWER_S)
+        goal = ExecutePlan.Goal(plan=plan_to_msg(plan), run_name=run_name)
+        is_there = self._execute.server_is_ready
+        accepted = self._execute.send_goal_async(goal, feedback_callback=tell)
+        self._goal = self._result(accepted, is_there, 'sequencer')
+        future = self._goal.get_result_async()
+        try:
+            answer = self._result(future, is_there, 'sequencer').result
+        except KeyboardInterrupt:
+            self.cancel()
+            raise
+        finally:
+            self._goal = None
+        if answer.error_code:
+            raise StationError(answer.error_msg, answer.error_code)
+        return ExecutionResult(
+            record_file=Path(answer.record_file) if answer.record_file else None,
+            setpoints_sent=int(answer.setpoints_sent[0]),
+            duration_s=answer.duration,
+            held=answer.held if answer.object_judged else None,
+            final_error_rad=None if math.isnan(answer.final_error) else answer.final_error,
+        )
+
+    def cancel(self) -> None:
+        """Let the run that this client started come to rest and hold; return when it is asked."""
+        if self._goal is not None:
+            self._result(
+                self._goal.cancel_goal_async(), self._execute.server_is_ready, 'sequencer'
+            )
+
+    def command(self, name: str) -> None:
+        """Send a command to the sequencer: pause, resume, emergency_stop or reset.
+
+        Raises
+        ------
+        StationError
+            The sequencer refuses.
+        """
+        client: Client = self.node.create_client(Command, f'sequencer/{name}')
+        try:
+            answer = call(
+                client,
+                Command.Request(),
+                deadline_s=ANSWER_S,
+                who='the sequencer',
+                missing_code=STAGE_MISSING,
+            )
+        finally:
+            self.node.destroy_client(client)
+        if answer.error_code:
+            raise StationError(answer.error_msg, answer.error_code)
+
+    def _spin(self) -> None:
+        """Spin until the client is closed."""
+        while not self._closing.is_set():
+            self._executor.spin_once(timeout_sec=SPIN_S)
+
+    def _wait_for(self, is_there: Callable[[], bool], who: str, deadline_s: float) -> None:
+        """Return when a node is there."""
+        give_up_s = time.monotonic() + deadline_s
+        while not is_there():
+            if time.monotonic() > give_up_s:
+                raise RunFailed(f'the {who} is not there')
+            time.sleep(POLL_S)
+
+    def _result(self, future: Future, is_there: Callable[[], bool], who: str) -> Any:
+        """Wait for an answer as long as the node that owes it is there."""
+        answered = threading.Event()
+        future.add_done_callback(lambda _: answered.set())
+        while not answered.wait(SPIN_S):
+            if not is_there():
+                raise RunFailed(f'the {who} ended before it answered')
+        return future.result()
+
+
+def _progress(feedback: ExecutePlan.Feedback) -> Progress:
+    """Return the progress that a feedback message tells."""
+    return Progress(
+        step=feedback.step,
+        steps=feedback.steps,
+        rotation=feedback.rotation,
+        share=feedback.progress,
+        time_left_s=feedback.time_left,
+    )

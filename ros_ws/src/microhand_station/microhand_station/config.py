@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Station file to checked values: what a station consists of, and how fast it moves.
+
+Lengths in µm, angles in degrees, times in s: the unit is in the name of each key.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from microhand_planner.core.errors import BadRequest, InvalidParameter
+from microhand_planner.core.parameters import check_number
+from microhand_planner.core.plan import FINGERS
+from microhand_planner.core.trajectory import Pace
+from microhand_planner.core.travel import AXES, StageLimits
+
+Vector = tuple[float, float, float]
+
+NAME = re.compile(r'^[A-Za-z][A-Za-z0-9_]*$')
+NAMESPACE = re.compile(r'^(/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*)?$')
+
+
+@dataclass(frozen=True)
+class FingerConfig:
+    """One finger and its stage; the axes of the stage are parallel to the station's.
+
+    Parameters
+    ----------
+    base_um : (3,) float
+        Tip in the station when the stage is at zero [µm].
+    lower_um, upper_um, home_um : (3,) float
+        Travel and home position, stage frame [µm].
+    max_velocity_um_s : float
+        Per axis [µm/s].
+    driver : mapping
+        Further parameters of the stage driver, by their ROS names, in SI units.
+    """
+
+    base_um: Vector = (-50.0, -50.0, -50.0)
+    lower_um: Vector = (0.0, 0.0, 0.0)
+    upper_um: Vector = (100.0, 100.0, 100.0)
+    home_um: Vector = (50.0, 50.0, 50.0)
+    max_velocity_um_s: float = 3500.0
+    driver: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that the travel is a range, and home within it."""
+        check_number('max_velocity_um_s', self.max_velocity_um_s, low=0.0, high=1e6, low_open=True)
+        for axis, lower, upper, home in zip(
+            AXES, self.lower_um, self.upper_um, self.home_um, strict=True
+        ):
+            if not lower < upper:
+                raise InvalidParameter(f'lower_um {axis}', lower, f'less than upper_um, {upper:g}')
+            if not lower <= home <= upper:
+                raise InvalidParameter(f'home_um {axis}', home, f'{lower:g} to {upper:g}')
+
+    @property
+    def limits(self) -> StageLimits:
+        """What the stage can do."""
+        return StageLimits(self.base_um, self.lower_um, self.upper_um, self.max_velocity_um_s)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How fast the station moves.
+
+    Parameters
+    ----------
+    roll_rate_deg_s : float
+        Largest rate at which the object is turned [deg/s].
+    travel_um_s : float
+        Largest speed of a tip while a plan is executed [µm/s].
+    transit_um_s : float
+        Largest speed of a tip on the way to the start of a plan [µm/s].
+    speed : float
+        Scales all three.
+    """
+
+    roll_rate_deg_s: float = 90.0
+    travel_um_s: float = 400.0
+    transit_um_s: float = 200.0
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_number('roll_rate_deg_s', self.roll_rate_deg_s, low=0.0, high=3600.0, low_open=True)
+        check_number('travel_um_s', self.travel_um_s, low=0.0, high=1e6, low_open=True)
+        check_number('transit_um_s', self.transit_um_s, low=0.0, high=1e6, low_open=True)
+        check_number('speed', self.speed, low=0.01, high=20.0)
+
+    def pace(self, axis_um_s: float) -> Pace:
+        """Return the pace of plans on stages of this velocity limit."""
+        return Pace(
+            roll_rate_rad_s=math.radians(self.roll_rate_deg_s) * self.speed,
+            travel_um_s=self.travel_um_s * self.speed,
+            axis_um_s=axis_um_s,
+        )
+
+    def transit_pace(self, axis_um_s: float) -> Pace:
+        """Return the pace on the way to the start of a plan."""
+        return dataclasses.replace(
+            self.pace(axis_um_s), travel_um_s=self.transit_um_s * self.speed
+        )
+
+
+@dataclass(frozen=True)
+class StationConfig:
+    """A station: three fingers, their motion, and the record of what they do.
+
+    Parameters
+    ----------
+    namespace : str
+        Of all names; empty: none.
+    frame : str
+        Frame of tips and poses.
+    motion : Motion
+        How fast.
+    record : bool
+        Whether a run needs a recorder.
+    fingers : tuple of 3 FingerConfig
+        Fingers 1, 2, 3.
+    """
+
+    namespace: str = ''
+    frame: str = 'station'
+    motion: Motion = field(default_factory=Motion)
+    record: bool = True
+    fingers: tuple[FingerConfig, ...] = (
+        FingerConfig(home_um=(95.0, 50.0, 50.0)),
+        FingerConfig(home_um=(5.0, 50.0, 50.0)),
+        FingerConfig(home_um=(50.0, 50.0, 95.0)),
+    )
+
+    def __post_init__(self) -> None:
+        """Check names and the number of fingers."""
+        if not NAMESPACE.match(self.namespace):
+            raise BadRequest('namespace', repr(self.namespace), 'a ROS name, or empty')
+        if not NAME.match(self.frame):
+            raise BadRequest('frame', repr(self.frame), 'a name of letters, digits and _')
+        if len(self.fingers) != FINGERS:
+            raise BadRequest('fingers', f'a list of {len(self.fingers)}', f'a list of {FINGERS}')
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of the station file that describes this station."""
+        return {
+            'namespace': self.namespace,
+            'frame': self.frame,
+            'motion': dataclasses.asdict(self.motion),
+            'recording': {'required': self.record},
+            'fingers': [
+                {
+                    key: list(value) if isinstance(value, tuple) else value
+                    for key, value in vars(finger).items()
+                }
+                for finger in self.fingers
+            ],
+        }
+
+
+def read_config(path: Path) -> StationConfig:
+    """Read a station file.
+
+    Raises
+    ------
+    BadRequest
+        The file cannot be read, or a key is unknown or has a wrong value; the message names the
+        file, the key and what is allowed.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise BadRequest('config', f'{path} ({error.strerror})', 'a readable file') from error
+    except yaml.YAMLError as error:
+        reason = ' '.join(str(error).split())
+        raise BadRequest('config', f'{path} ({reason})', 'a YAML file') from error
+    try:
+        return config_from_dict({} if content is None else content)
+    except BadRequest as error:
+        raise type(error)(f'{path}: {error.field}', error.value, error.allowed) from error
+
+
+def write_config(config: StationConfig, path: Path) -> None:
+    """Write a station file that `read_config` reads back."""
+    path.write_text(yaml.safe_dump(config.to_dict(), sort_keys=False), encoding='utf-8')
+
+
+def config_from_dict(content: object) -> StationConfig:
+    """Return the station that the content of a station file describes.
+
+    Raises
+    ------
+    BadRequest
+        Names the key at fault, its value and what is allowed.
+    """
+    default = StationConfig()
+    top = _section('station', content, ('namespace', 'frame', 'motion', 'recording', 'fingers'))
+    motion = _section('motion', top.get('motion', {}), tuple(vars(default.motion)))
+    recording = _section('recording', top.get('recording', {}), ('required',))
+    fingers = top.get('fingers', [{}] * FINGERS)
+    if not isinstance(fingers, list) or len(fingers) != FINGERS:
+        raise BadRequest('fingers', _shown(fingers), f'a list of {FINGERS}')
+    required = recording.get('required', default.record)
+    if not isinstance(required, bool):
+        raise BadRequest('recording: required', _shown(required), 'true or false')
+    return StationConfig(
+        namespace=_text('namespace', top.get('namespace', default.namespace)),
+        frame=_text('frame', top.get('frame', default.frame)),
+        motion=Motion(**{key: _number(f'motion: {key}', motion[key]) for key in motion}),
+        record=required,
+        fingers=tuple(
+            _finger(number, finger, default.fingers[number - 1])
+            for number, finger in enumerate(fingers, start=1)
+        ),
+    )
+
+
+def _finger(number: int, content: object, default: FingerConfig) -> FingerConfig:
+    """Return one finger; keys that are left out keep their defaults."""
+    name = f'finger {number}'
+    given = dict(_section(name, content, tuple(vars(default))))
+    for key in given.keys() - {'driver'}:
+        label = f'{name}: {key}'
+        read = _number if key == 'max_velocity_um_s' else _vector
+        given[key] = read(label, given[key])
+    if 'driver' in given and not isinstance(given['driver'], dict):
+        raise BadRequest(f'{name}: driver', _shown(given['driver']), 'names and values')
+    try:
+        return dataclasses.replace(default, **given)
+    except BadRequest as error:
+        raise type(error)(f'{name}: {error.field}', error.value, error.allowed) from error
+
+
+def _section(name: str, content: object, allowed: tuple[str, ...]) -> Mapping[str, Any]:
+    """Return a mapping, all of whose keys are allowed."""
+    if not isinstance(content, dict):
+        raise BadRequest(name, _shown(content), f'a section with {", ".join(allowed)}')
+    for key in content:
+        if key not in allowed:
+            raise BadRequest(f'{name}: {key}', 'unknown', ', '.join(allowed))
+    return content
+
+
+def _number(name: str, value: object) -> float:
+    """Return a number; an integer is one, a boolean is not."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise BadRequest(name, _shown(value), 'a number')
+    return check_number(name, float(value))
+
+
+def _vector(name: str, value: object) -> Vector:
+    """Return three numbers."""
+    if not isinstance(value, list) or len(value) != len(AXES):
+        raise BadRequest(name, _shown(value), 'three numbers x y z')
+    x, y, z = (_number(f'{name} {axis}', number) for axis, number in zip(AXES, value, strict=True))
+    return x, y, z
+
+
+def _text(name: str, value: object) -> str:
+    """Return a text."""
+    if not isinstance(value, str):
+        raise BadRequest(name, _shown(value), 'a text')
+    return value
+
+
+def _shown(value: object) -> str:
+    """Return a value as an error message shows it: short."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + '...'

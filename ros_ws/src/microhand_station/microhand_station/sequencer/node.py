@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node `sequencer`: executes plans on request, and stops when told to."""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from microhand_msgs_py.action import ExecutePlan, Reorient
+from microhand_msgs_py.msg import ErrorCode, Plan, RunEvent, SequencerState
+from microhand_msgs_py.srv import Command, PlanRotation
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from microhand_planner.core.errors import BadRequest, MicrohandError, RunFailed
+from microhand_planner.core.plan import FINGERS
+from microhand_planner.ros.workers import Workers
+from microhand_station.config import StationConfig, read_config
+from microhand_station.sequencer.emergency import release_stages, stop_stages
+from microhand_station.sequencer.execution import Execution, Outcome
+from microhand_station.sequencer.planner_link import PlannerLink
+from microhand_station.sequencer.progress import Progress
+from microhand_station.sequencer.recorder_link import RecorderLink
+from microhand_station.sequencer.run_control import CANCELLED, RunControl
+from microhand_station.sequencer.stage_link import StageLink
+from microhand_station.sequencer.states import Event, State
+from stage_driver_sim.qos import EVENTS, LATCHED
+
+SPIN_S = 0.1
+"""Longest time an idle sequencer takes to notice that it shall end [s]."""
+WIND_DOWN_S = 3.0
+"""Longest time for a run to come to rest and for its record to be closed [s]."""
+TELL_PERIOD_S = 0.1
+"""Feedback and state are published no more often than this [s]."""
+
+
+class SequencerNode(Node):
+    """Executes plans, one at a time; the states are drawn in `sequencer.states.State`.
+
+    Actions ``~/execute_plan`` and ``~/reorient``; services ``~/pause``, ``~/resume``,
+    ``~/emergency_stop``, ``~/reset``; topics ``~/state`` and ``events``. The parameter `config`
+    is the path of the station file; the defaults are those of `StationConfig`.
+    """
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('sequencer', **node_options)
+        self.declare_parameter(
+            'config',
+            '',
+            ParameterDescriptor(description='path of the station file; empty: the defaults'),
+        )
+        self._config = self._read_config()
+        self._progress = Progress()
+        self._plan_hash = ''
+        self._state = self.create_publisher(SequencerState, '~/state', LATCHED)
+        self._events = self.create_publisher(RunEvent, 'events', EVENTS)
+        self._control = RunControl(self._publish_state)
+        self._stages = [
+            StageLink(self, finger, config, self._control.report_arrived)
+            for finger, config in enumerate(self._config.fingers, start=1)
+        ]
+        self._recorder = RecorderLink(self)
+        self._planner = PlannerLink(self)
+        self._workers: Workers[Any] = Workers(self, threads=3)
+        self._running: ServerGoalHandle | None = None
+        self._told_s = -math.inf
+        for action, name, execute in (
+            (ExecutePlan, '~/execute_plan', self._execute_plan),
+            (Reorient, '~/reorient', self._reorient),
+        ):
+            ActionServer(self, action, name, execute, cancel_callback=self._cancel)
+        for name, command in (
+            ('pause', self._control.pause),
+            ('resume', self._control.resume),
+            ('emergency_stop', self._stop_everything),
+            ('reset', self._reset),
+        ):
+            self.create_service(Command, f'~/{name}', self._answer(command))
+        self._publish_state(State.IDLE)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a goal is being served."""
+        return self._running is not None
+
+    def wind_down(self) -> None:
+        """Let a run that is under way come to rest; spin until the node is no longer `busy`."""
+        self._control.cancel()
+
+    def destroy_node(self) -> None:
+        """End the threads, then destroy the node."""
+        self._control.cancel()
+        self._workers.shut_down()
+        super().destroy_node()
+
+    def _read_config(self) -> StationConfig:
+        """Return the station that the parameter names."""
+        path: str = self.get_parameter('config').value
+        try:
+            return read_config(Path(path)) if path else StationConfig()
+        except BadRequest as error:
+            raise ParameterException(str(error), ['config']) from error
+
+    async def _execute_plan(self, goal: ServerGoalHandle) -> ExecutePlan.Result:
+        """Execute the plan of a goal."""
+        request = goal.request
+
+        def work() -> ExecutePlan.Result:
+            outcome = self._run(goal, request.plan, request.run_name, _execution_feedback)
+            return _fill_outcome(ExecutePlan.Result(), outcome)
+
+        return await self._serve(goal, work, ExecutePlan.Result(final_error=math.nan))
+
+    async def _reorient(self, goal: ServerGoalHandle) -> Reorient.Result:
+        """Plan what a goal asks for, and execute it."""
+        request = goal.request
+
+        def work() -> Reorient.Result:
+            began_s = time.monotonic()
+            planning = Reorient.Feedback(phase=Reorient.Feedback.PLANNING, time_left=math.nan)
+            goal.publish_feedback(planning)
+            plan = self._planner.plan(
+                PlanRotation.Request(
+                    object=request.object,
+                    unit=request.unit,
+                    start_pose=request.start_pose,
+                    goal_pose=request.goal_pose,
+                    options=request.options,
+                ),
+                self._control,
+            )
+            planned_s = time.monotonic() - began_s
+            outcome = self._run(goal, plan, request.run_name, _reorientation_feedback)
+            result = Reorient.Result(plan=plan, planning_time=planned_s)
+            return _fill_outcome(result, outcome)
+
+        return await self._serve(goal, work, Reorient.Result(final_error=math.nan))
+
+    async def _serve(self, goal: ServerGoalHandle, work: Callable[[], Any], result: Any) -> Any:
+        """Have the work of a goal done by a worker, unless another goal is being executed."""
+        try:
+            self._control.fire(Event.START)
+        except RunFailed as error:
+            result.error_code, result.error_msg = error.code, str(error)
+            goal.abort()
+            return result
+        self._running = goal
+        try:
+            result = await self._workers.submit(work)
+        except MicrohandError as error:
+            result.error_code, result.error_msg = error.code, str(error)
+        except Exception as error:
+            result.error_code = ErrorCode.INTERNAL
+            result.error_msg = f'{type(error).__name__}: {error}; see the log of the sequencer'
+            self.get_logger().error(result.error_msg)
+        finally:
+            self._control.finish()
+            self._running = None
+        if result.error_code == CANCELLED and goal.is_cancel_requested:
+            goal.canceled()
+        elif result.error_code:
+            goal.abort()
+        else:
+            goal.succeed()
+        return result
+
+    def _run(
+        self,
+        goal: ServerGoalHandle,
+        plan: Plan,
+        name: str,
+        feedback: Callable[[Progress], Any],
+    ) -> Outcome:
+        """Execute a plan in the present thread."""
+        self._plan_hash = plan.plan_hash
+
+        def tell(progress: Progress) -> None:
+            self._progress = progress
+            if time.monotonic() - self._told_s >= TELL_PERIOD_S:
+                self._told_s = time.monotonic()
+                self._publish_state(self._control.state)
+                goal.publish_feedback(feedback(progress))
+
+        execution = Execution(
+            self._stages,
+            self._recorder,
+            self._config,
+            self._control,
+            now_ns=lambda: self.get_clock().now().nanoseconds,
+            on_progress=tell,
+            on_event=self._report,
+        )
+        outcome = execution.run(plan, name)
+        self._plan_hash, self._progress = '', Progress()
+        self._publish_state(self._control.state)
+        return outcome
+
+    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        """Let the run of a goal end on a ramp."""
+        if self._running is None or goal.goal_id != self._running.goal_id:
+            return CancelResponse.REJECT
+        self._control.cancel()
+        return CancelResponse.ACCEPT
+
+    def _answer(self, command: Callable[[], None]) -> Callable[..., Any]:
+        """Return a service callback that has `command` done by a worker."""
+
+        async def serve(_: Command.Request, response: Command.Response) -> Command.Response:
+            try:
+                await self._workers.submit(command)
+            except MicrohandError as error:
+                response.error_code, response.error_msg = error.code, str(error)
+            return response
+
+        return serve
+
+    def _stop_everything(self) -> None:
+        """Latch the emergency stop and stop all stages."""
+        self._control.fire(Event.EMERGENCY)
+        self._report('emergency stop', ErrorCode.EMERGENCY_STOP)
+        stop_stages(self._stages)
+
+    def _reset(self) -> None:
+        """Release the stages, and unlatch the emergency stop."""
+        if self._running is not None:
+            raise RunFailed('a run is under way', ErrorCode.NOT_ALLOWED)
+        release_stages(self._stages)
+        self._control.fire(Event.RESET)
+        self._report('reset', ErrorCode.SUCCESS)
+
+    def _publish_state(self, state: State) -> None:
+        """Publish what the sequencer does."""
+        progress = self._progress
+        message = SequencerState(
+            state=int(state),
+            step=progress.step,
+            steps=progress.steps,
+            rotation=progress.rotation,
+            progress=progress.share,
+            time_left=progress.time_left_s,
+            plan_hash=self._plan_hash,
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._state.publish(message)
+
+    def _report(self, text: str, code: int) -> None:
+        """Publish what is worth remembering."""
+        if code:
+            self.get_logger().error(text)
+        event = RunEvent(source=self.get_fully_qualified_name(), error_code=code, text=text)
+        event.header.stamp = self.get_clock().now().to_msg()
+        self._events.publish(event)
+
+
+def _fill_outcome(result: Any, outcome: Outcome) -> Any:
+    """Fill in how a run ended; nobody judged the object."""
+    result.error_code, result.error_msg = outcome.code, outcome.message
+    result.record_file = outcome.record_file
+    result.setpoints_sent = [outcome.setpoints_sent] * FINGERS
+    result.duration = outcome.duration_s
+    result.object_judged, result.held, result.final_error = False, False, math.nan
+    return result
+
+
+def _execution_feedback(progress: Progress) -> ExecutePlan.Feedback:
+    """Return the feedback of an execution."""
+    return ExecutePlan.Feedback(
+        step=progress.step,
+        steps=progress.steps,
+        rotation=progress.rotation,
+        progress=progress.share,
+        time_left=progress.time_left_s,
+    )
+
+
+def _reorientation_feedback(progress: Progress) -> Reorient.Feedback:
+    """Return the feedback of a reorientation that is being executed."""
+    return Reorient.Feedback(
+        phase=Reorient.Feedback.EXECUTING,
+        step=progress.step,
+        steps=progress.steps,
+        rotation=progress.rotation,
+        progress=progress.share,
+        time_left=progress.time_left_s,
+    )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the sequencer until SIGINT or SIGTERM; a run that is under way is brought to rest."""
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = SequencerNode()
+    except ParameterException as error:
+        sys.stderr.write(f'{error}\n')
+        rclpy.shutdown()
+        return 2
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stopping.is_set():
+            executor.spin_once(timeout_sec=SPIN_S)
+        node.wind_down()
+        give_up_s = time.monotonic() + WIND_DOWN_S
+        while node.busy and time.monotonic() < give_up_s:
+            executor.spin_once(timeout_sec=SPIN_S)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

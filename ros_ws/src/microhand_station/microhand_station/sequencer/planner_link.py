@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The planner as the sequencer sees it."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from microhand_msgs_py.msg import Plan
+from microhand_msgs_py.srv import PlanRotation
+from rclpy.node import Node
+
+from microhand_planner.core.errors import RunFailed
+from microhand_station.sequencer.run_control import RunControl
+from microhand_station.service_call import POLL_S
+
+FIND_S = 2.0
+"""Longest wait for the planner to be there [s]."""
+
+
+class PlannerLink:
+    """The sequencer's end of the connection to the planner.
+
+    Parameters
+    ----------
+    node : Node
+        Of the sequencer.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._client = node.create_client(PlanRotation, 'planner/plan_rotation')
+
+    def plan(self, request: PlanRotation.Request, control: RunControl) -> Plan:
+        """Ask for a plan and wait for it, as long as the caller wants it and the planner is there.
+
+        Raises
+        ------
+        RunFailed
+            What the planner says, CANCELLED, or that the planner is gone.
+        """
+        give_up_s = time.monotonic() + FIND_S
+        while not self._client.service_is_ready():
+            control.check_orders()
+            if time.monotonic() > give_up_s:
+                raise RunFailed('the planner is not there')
+            control.wait(time.monotonic() + POLL_S)
+        answered = threading.Event()
+        future = self._client.call_async(request)
+        future.add_done_callback(lambda _: answered.set())
+        try:
+            while not answered.wait(POLL_S):
+                control.check_orders()
+                if not self._client.service_is_ready():
+                    raise RunFailed('the planner ended before it answered')
+        finally:
+            self._client.remove_pending_request(future)
+        answer = future.result()
+        if answer.error_code:
+            raise RunFailed(answer.error_msg, answer.error_code)
+        return answer.plan

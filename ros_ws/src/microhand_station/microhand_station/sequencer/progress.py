@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far a run is: the step being executed, and the time left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from microhand_planner.core.plan import Plan, StepKind
+from microhand_planner.core.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What callers are told while a run is under way.
+
+    Parameters
+    ----------
+    step, steps : int
+        Step being executed, from 0, and how many the plan has.
+    rotation : int
+        Planar rotation being executed, from 0.
+    share : float
+        Share of the planned time, 0 to 1.
+    time_left_s : float
+        Planned time left [s]; NaN: there is no plan.
+    """
+
+    step: int = 0
+    steps: int = 0
+    rotation: int = 0
+    share: float = 0.0
+    time_left_s: float = math.nan
+
+
+class ProgressTeller:
+    """Tells where a plan is, each time it is told which setpoint is due.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is executed.
+    trajectory : Trajectory
+        Its setpoints.
+    on_progress : callable
+        Told every time.
+    on_step : callable
+        Told once per step, with a sentence for people.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        trajectory: Trajectory,
+        on_progress: Callable[[Progress], None],
+        on_step: Callable[[str], None],
+    ) -> None:
+        self._plan = plan
+        self._trajectory = trajectory
+        self._on_progress = on_progress
+        self._on_step = on_step
+        self._step = -1
+
+    def tell(self, setpoint: int) -> None:
+        """Tell how far the plan is when a setpoint of its trajectory is due."""
+        step = int(self._trajectory.step_of[setpoint])
+        last = len(self._trajectory) - 1
+        self._on_progress(
+            Progress(
+                step=step,
+                steps=len(self._plan.steps),
+                rotation=self._plan.steps[step].rotation,
+                share=setpoint / last,
+                time_left_s=(last - setpoint) * self._trajectory.period_s,
+            )
+        )
+        for begun in range(self._step + 1, step + 1):
+            self._on_step(f'step {begun + 1} of {len(self._plan.steps)}: {self._describe(begun)}')
+        self._step = max(self._step, step)
+
+    def _describe(self, number: int) -> str:
+        """Say what a step does."""
+        step = self._plan.steps[number]
+        if step.kind is StepKind.ROLL:
+            return f'roll by {math.degrees(step.angle_rad):.1f}°'
+        return f'{step.kind.value} finger {step.finger}' if step.finger else step.kind.value

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One stage as the sequencer sees it: its reports, its services, and the setpoints it is sent."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from builtin_interfaces.msg import Time
+from microhand_msgs_py.msg import SetpointChunk, StageState
+from microhand_msgs_py.srv import Command, GetStageLimits
+from rclpy.node import Node
+from rclpy.task import Future
+
+from microhand_planner.core.errors import RunFailed
+from microhand_planner.core.travel import StageLimits
+from microhand_planner.ros.conversions import UM_PER_M, m_from_um, um_from_point
+from microhand_station.config import FingerConfig
+from microhand_station.sequencer.setpoint_stream import Chunk
+from microhand_station.sequencer.stage_watch import STAGE_MISSING, Mode, StageReport
+from microhand_station.service_call import call
+from stage_driver_sim.qos import SETPOINTS, STATE
+
+NS_PER_S = 1_000_000_000
+
+
+class StageLink:
+    """The sequencer's end of the connection to one stage driver.
+
+    Parameters
+    ----------
+    node : Node
+        Of the sequencer.
+    finger : int
+        1, 2 or 3.
+    config : FingerConfig
+        Where the stage stands in the station.
+    on_report : callable
+        Called after each report, in the thread that spins.
+    """
+
+    def __init__(
+        self, node: Node, finger: int, config: FingerConfig, on_report: Callable[[], None]
+    ) -> None:
+        self._finger = finger
+        self._config = config
+        self._on_report = on_report
+        self._node = node
+        self.report: StageReport | None = None
+        """The last state that arrived."""
+        name = f'finger_{finger}'
+        self._topic = f'{name}/setpoints'
+        self._setpoints = node.create_publisher(SetpointChunk, self._topic, SETPOINTS)
+        node.create_subscription(StageState, f'{name}/state', self._receive, STATE)
+        driver = f'{name}/stage_driver'
+        self._limits = node.create_client(GetStageLimits, f'{driver}/get_limits')
+        self._stop = node.create_client(Command, f'{driver}/stop')
+        self._reset = node.create_client(Command, f'{driver}/reset')
+
+    def limits(self, deadline_s: float) -> StageLimits:
+        """Ask the driver what its stage can do.
+
+        Raises
+        ------
+        RunFailed
+            STAGE_MISSING: no driver answers, or it is not configured.
+        """
+        answer = call(
+            self._limits,
+            GetStageLimits.Request(),
+            deadline_s=deadline_s,
+            who=f'finger {self._finger}: its stage driver',
+            missing_code=STAGE_MISSING,
+        )
+        if answer.error_code:
+            raise RunFailed(f'finger {self._finger}: {answer.error_msg}', answer.error_code)
+        return StageLimits(
+            self._config.base_um,
+            um_from_point(answer.lower),
+            um_from_point(answer.upper),
+            answer.max_velocity * UM_PER_M,
+        )
+
+    def listeners(self) -> set[str]:
+        """Names of the nodes that receive the setpoints, in this publisher's view."""
+        if self._setpoints.get_subscription_count() == 0:
+            return set()
+        infos = self._node.get_subscriptions_info_by_topic(self._setpoints.topic_name)
+        names = {info.node_name for info in infos}
+        return names if self._setpoints.get_subscription_count() >= len(infos) else set()
+
+    def send(self, chunk: Chunk, stream: int, begin_ns: int, period_s: float) -> None:
+        """Publish the finger's part of a chunk.
+
+        Parameters
+        ----------
+        chunk : Chunk
+            Setpoints of all fingers.
+        stream : int
+            Number of the stream.
+        begin_ns : int
+            ROS time of the stream's first setpoint [ns].
+        period_s : float
+            Time between two setpoints [s].
+        """
+        finger = self._finger - 1
+        positions = self._config.limits.to_stage(chunk.tip_um[:, finger])
+        message = SetpointChunk(
+            sequence=chunk.first,
+            stream=stream,
+            period=period_s,
+            positions=m_from_um(positions).ravel(),
+            velocities=m_from_um(chunk.velocity_um_s[:, finger]).ravel(),
+            last=chunk.last,
+        )
+        stamp_ns = begin_ns + round(chunk.first * period_s * NS_PER_S)
+        message.header.stamp = Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
+        message.header.frame_id = f'finger_{self._finger}_base'
+        self._setpoints.publish(message)
+
+    def ask_to_stop(self) -> Future | None:
+        """Send the stop command without waiting; None: nobody is there to receive it."""
+        return self._stop.call_async(Command.Request()) if self._stop.service_is_ready() else None
+
+    def reset(self, deadline_s: float) -> None:
+        """Clear a stop or a fault of the stage.
+
+        Raises
+        ------
+        RunFailed
+            The driver does not answer, or refuses.
+        """
+        answer = call(
+            self._reset,
+            Command.Request(),
+            deadline_s=deadline_s,
+            who=f'finger {self._finger}: its stage driver',
+            missing_code=STAGE_MISSING,
+        )
+        if answer.error_code:
+            raise RunFailed(f'finger {self._finger}: {answer.error_msg}', answer.error_code)
+
+    def _receive(self, state: StageState) -> None:
+        """Keep a report and tell whoever waits for it."""
+        self.report = StageReport(
+            arrived_s=time.monotonic(),
+            mode=Mode(state.mode),
+            position_um=um_from_point(state.position),
+            command_um=um_from_point(state.command),
+            on_target=state.on_target,
+            stream=state.stream,
+            received=state.received,
+            underruns=state.underruns,
+            error_code=state.error_code,
+            error_msg=state.error_msg,
+        )
+        self._on_report()

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectory to stages: setpoints sent ahead of time, watched until every stage is on target."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from microhand_planner.core.errors import RunFailed
+from microhand_planner.core.trajectory import Trajectory
+from microhand_station.sequencer.run_control import CANCELLED, RunControl
+from microhand_station.sequencer.setpoint_stream import SetpointStream
+from microhand_station.sequencer.stage_link import NS_PER_S, StageLink
+from microhand_station.sequencer.stage_watch import (
+    STAGE_FAULT,
+    StageReport,
+    check_alive,
+    finished,
+    what_is_missing,
+)
+from microhand_station.sequencer.states import EMERGENCY_STOP, Event
+
+LEAD_S = 0.2
+"""Setpoints are sent this long before they are due [s]."""
+RAMP_S = 0.2
+"""How long the fingers take to a standstill when a run is broken off [s]."""
+SETTLE_S = 2.0
+"""Longest wait for the stages to be on target after a stream [s]."""
+LOOK_S = 0.05
+"""How often the stages are looked at while nothing has to be sent [s]."""
+
+
+class Streamer:
+    """Sends trajectories to the three stages, one stream at a time.
+
+    Parameters
+    ----------
+    stages : sequence of 3 StageLink
+        Fingers 1, 2, 3.
+    control : RunControl
+        Orders of the caller, and news of the stages.
+    now_ns : callable
+        ROS time [ns].
+    """
+
+    def __init__(
+        self, stages: Sequence[StageLink], control: RunControl, now_ns: Callable[[], int]
+    ) -> None:
+        self._stages = stages
+        self._control = control
+        self._now_ns = now_ns
+        self.setpoints_sent = 0
+        """To each finger, over all streams."""
+
+    def reports(self) -> list[StageReport | None]:
+        """Return the last report of each stage."""
+        return [stage.report for stage in self._stages]
+
+    def stream(self, trajectory: Trajectory, tell: Callable[[int], None]) -> None:
+        """Stream a trajectory to its end, and pause where the caller wants it.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            Begins where the stages stand.
+        tell : callable
+            Told which setpoint of the trajectory is due, several times a second.
+
+        Raises
+        ------
+        RunFailed
+            A cancel, an emergency stop, or a stage that failed. Except after an emergency stop,
+            the other stages have been brought to rest on the path.
+        """
+        begin = 0
+        while True:
+            stream = SetpointStream(trajectory, begin)
+            self._send(stream, trajectory.period_s, tell)
+            begin = stream.position
+            if begin == len(trajectory) - 1:
+                return
+            self._control.fire(Event.PAUSE)
+            while self._control.pause_wanted:
+                self._control.check_orders()
+                check_alive(self.reports(), time.monotonic())
+                self._control.wait(time.monotonic() + LOOK_S)
+            self._control.fire(Event.RESUME)
+
+    def _send(self, stream: SetpointStream, period_s: float, tell: Callable[[int], None]) -> None:
+        """Send a stream ahead of time; a cancel or a fault turns its rest into a ramp."""
+        number = 1 + max(report.stream for report in self.reports() if report is not None)
+        begin_s = time.monotonic() + LEAD_S
+        begin_ns = self._now_ns() + round((begin_s - time.monotonic()) * NS_PER_S)
+        broken: RunFailed | None = None
+        while not stream.finished:
+            if broken is None:
+                broken = self._why_to_stop()
+                if broken is not None:
+                    if broken.code == EMERGENCY_STOP:
+                        raise broken
+                    stream.ramp_down(RAMP_S)
+                    self._control.fire(Event.STOP)
+                elif self._control.pause_wanted:
+                    stream.pause()
+            now_s = time.monotonic()
+            tell(stream.due(int((now_s - begin_s) / period_s)))
+            due_s = begin_s + stream.sent * period_s - LEAD_S
+            if now_s < due_s:
+                self._control.wait(min(due_s, now_s + LOOK_S))
+                continue
+            chunk = stream.next_chunk()
+            for stage in self._stages:
+                stage.send(chunk, number, begin_ns, period_s)
+            self.setpoints_sent += len(chunk.tip_um)
+        end_s = begin_s + stream.sent * period_s
+        self._settle(number, stream.sent, end_s, broken)
+        tell(stream.position)
+
+    def _settle(self, number: int, setpoints: int, end_s: float, broken: RunFailed | None) -> None:
+        """Wait until every stage has the stream and holds on target, and raise what broke it."""
+        while not finished(self.reports(), number, setpoints):
+            failed = self._why_to_stop()
+            if failed is not None and failed.code == EMERGENCY_STOP:
+                raise failed
+            now_s = time.monotonic()
+            # stages that are well get the time to come to rest
+            if now_s > end_s and failed is not None and failed.code != CANCELLED:
+                raise broken or failed
+            if now_s > end_s + SETTLE_S:
+                text = what_is_missing(self.reports(), number, setpoints)
+                raise broken or RunFailed(f'{text}, {SETTLE_S:g} s after the stream', STAGE_FAULT)
+            self._control.wait(now_s + LOOK_S)
+        if broken is not None:
+            raise broken
+
+    def _why_to_stop(self) -> RunFailed | None:
+        """Return what speaks against going on, if anything does."""
+        try:
+            self._control.check_orders()
+            check_alive(self.reports(), time.monotonic())
+        except RunFailed as error:
+            return error
+        return None

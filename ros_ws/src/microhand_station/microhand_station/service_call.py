@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Call a service from a thread that does not spin, and wait no longer than allowed."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from rclpy.client import Client
+
+from microhand_planner.core.errors import RunFailed
+
+POLL_S = 0.02
+"""How often a service that is not there yet is looked for [s]."""
+
+
+def call(client: Client, request: Any, *, deadline_s: float, who: str, missing_code: int) -> Any:
+    """Return the response of a service; its node is spun by another thread.
+
+    Parameters
+    ----------
+    client : Client
+        Of the service.
+    request : message
+        What to send.
+    deadline_s : float
+        Longest wait, for the service and for its answer together [s].
+    who : str
+        Whom the error names.
+    missing_code : int
+        Code of the error if nobody answers.
+
+    Raises
+    ------
+    RunFailed
+        The service is not there, or does not answer in time.
+    """
+    give_up_s = time.monotonic() + deadline_s
+    while not client.service_is_ready():
+        if time.monotonic() > give_up_s:
+            raise RunFailed(f'{who} is not there', missing_code)
+        time.sleep(POLL_S)
+    answered = threading.Event()
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: answered.set())
+    while not answered.wait(POLL_S):
+        if time.monotonic() > give_up_s:
+            client.remove_pending_request(future)
+            raise RunFailed(f'{who} does not answer within {deadline_s:g} s', missing_code)
+        if not client.service_is_ready():
+            client.remove_pending_request(future)
+            raise RunFailed(f'{who} is gone', missing_code)
+    return future.result()

@@ -106,6 +106,8 @@ def finger_motions(
     finger: Finger,
     waiting_radius_um: float,
     blocked: Blocked,
+    *,
+    held: bool = False,
 ) -> tuple[Step, ...]:
     """Turn the chosen grasps into the motions of three fingers.
 
@@ -121,6 +123,8 @@ def finger_motions(
         See `transfer.waiting_radius_um`.
     blocked : callable
         Whether a tip touches the object at any of the given centres, object frame.
+    held : bool
+        True: the fingers of the first grasp hold the object already, and do not approach it.
 
     Returns
     -------
@@ -133,7 +137,8 @@ def finger_motions(
         A finger has no free way to or from a contact.
     """
     hand = _Hand(start, finger, waiting_radius_um, blocked)
-    steps = [_first_grasp(hand, sequence[0])]
+    approach = _first_grasp(hand, sequence[0])
+    steps = [] if held else [approach]
     for index, planned in enumerate(sequence):
         steps.extend(_rotation(hand, index, planned))
     steps.extend(_carried(hand, len(sequence) - 1, goal))

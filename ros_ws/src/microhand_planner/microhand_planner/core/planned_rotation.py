@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
@@ -26,17 +25,7 @@ from microhand_planner.core.search_state import ABSENT, ANY_GRASP, Grasp
 from microhand_planner.core.starting_grasps import starting_grasps
 from microhand_planner.core.swap_search import swap_search
 
-
-class Role(Enum):
-    """Where a rotation stands in its sequence."""
-
-    ONLY = 'only'
-    FIRST = 'first'
-    """Ends on the joints."""
-    MIDDLE = 'middle'
-    """Begins and ends on the joints."""
-    LAST = 'last'
-    """Begins on the joints."""
+Phases = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -107,9 +96,10 @@ class Problem:
 
 def plan_planar_rotation(
     part: PlanarRotation,
-    role: Role,
     curve: OffsetCurve,
     problem: Problem,
+    start_phase_rad: Phases | None,
+    goal_phase_rad: Phases | None,
     bound_ndeg: int = NO_BOUND,
 ) -> tuple[PlannedRotation | None, int]:
     """Find the cheapest finger motions for one rotation.
@@ -118,13 +108,13 @@ def plan_planar_rotation(
     ----------
     part : PlanarRotation
         Axis and angle.
-    role : Role
-        Which ends are on the joints. Which finger is where is open: any rotation of a sequence
-        can be done by other fingers.
     curve : OffsetCurve
         Path of the tips around the section.
     problem : Problem
         Fingers, contact law, options.
+    start_phase_rad, goal_phase_rad : (float, float) or None
+        Contact phases of the two fingers that hold before and after the rotation [rad]; None:
+        any grasp. Which finger is where is open.
     bound_ndeg : int
         Only motions cheaper than this are wanted [1e-9 deg].
 
@@ -141,33 +131,28 @@ def plan_planar_rotation(
         The search was ended from outside.
     """
     started = problem.clock()
-    joints = (0.0, curve.phase_of_joint_j)
-    begins_on_joints = role in (Role.MIDDLE, Role.LAST)
-    ends_on_joints = role in (Role.MIDDLE, Role.FIRST)
     lattice = rotation_lattice(
-        curve,
-        part.angle_rad,
-        problem.options,
-        joints if begins_on_joints else (),
-        joints if ends_on_joints else (),
-    )
-    at_start, at_goal = (
-        [lattice.track_at(phase, orientation) for phase in joints]
-        for orientation in (lattice.start, lattice.goal)
+        curve, part.angle_rad, problem.options, start_phase_rad or (), goal_phase_rad or ()
     )
     search = graph_search if problem.law.stick_uN == 0.0 else swap_search
-    start: Grasp = (at_start[0], at_start[1], ABSENT)
-    goal: Grasp = (at_goal[0], at_goal[1], ABSENT)
-    starts = (
-        starting_grasps(lattice, lattice.start, problem.finger) if role is Role.ONLY else [start]
-    )
+    goal = ANY_GRASP
+    if goal_phase_rad is not None:
+        goal = _grasp_at(lattice, goal_phase_rad, lattice.goal)
+    backward = start_phase_rad is None and goal_phase_rad is not None
+    starts: list[Grasp] | IntArray
+    if start_phase_rad is not None:
+        starts = [_grasp_at(lattice, start_phase_rad, lattice.start)]
+    elif backward:
+        starts = [goal]  # from the one end that is given to any grasp at the other
+    else:
+        starts = starting_grasps(lattice, lattice.start, problem.finger)
     result = search(
         lattice,
         problem.finger,
         problem.law,
-        [goal] if role is Role.FIRST else starts,
-        goal if role is Role.MIDDLE else ANY_GRASP,
-        reverse=role is Role.FIRST,
+        starts,
+        ANY_GRASP if backward else goal,
+        reverse=backward,
         bound_ndeg=bound_ndeg,
         interrupt=problem.interrupt,
     )
@@ -184,6 +169,12 @@ def plan_planar_rotation(
         time_s=problem.clock() - started,
     )
     return planned, result.expanded
+
+
+def _grasp_at(lattice: RotationLattice, phase_rad: Phases, orientation: int) -> Grasp:
+    """Return the grasp of two fingers with the given contact phases at an orientation."""
+    first, second = (lattice.track_at(phase, orientation) for phase in phase_rad)
+    return first, second, ABSENT
 
 
 def _raise_if_interrupted(result: SearchResult, part: PlanarRotation, problem: Problem) -> None:

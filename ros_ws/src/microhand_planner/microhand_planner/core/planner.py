@@ -20,6 +20,7 @@ from microhand_planner.core.pose import FloatArray, Pose, angle_between_rad
 from microhand_planner.core.rotation_sequence import cheapest_sequence
 from microhand_planner.core.search_state import NDEG
 from microhand_planner.core.section_curves import SectionCurves, section_curves
+from microhand_planner.core.start_grasp import start_grasp
 from microhand_planner.core.tip_clearance import distance_to_part
 from microhand_planner.core.transfer import waiting_radius_um
 
@@ -35,6 +36,7 @@ def plan_reorientation(
     law: ContactLaw,
     options: SearchOptions,
     *,
+    start_tip_um: FloatArray | None = None,
     decomposition: Sequence[PlanarRotation] | None = None,
     clock: Callable[[], float] = time.monotonic,
     cancelled: Callable[[], bool] | None = None,
@@ -54,6 +56,9 @@ def plan_reorientation(
         Friction and adhesion.
     options : SearchOptions
         Step, mode, time limit.
+    start_tip_um : (3, 3) float, optional
+        Tip centres of the fingers that hold the object at the start, station frame [µm]; NaN for
+        the free finger. By default the planner chooses the first grasp.
     decomposition : sequence of PlanarRotation, optional
         Use these planar rotations; by default the cheapest of all decompositions is chosen.
     clock : callable
@@ -100,9 +105,12 @@ def plan_reorientation(
             )
     # no rotation at all is a rotation by zero: the object must be grasped all the same
     choices = tuple(choice or (PlanarRotation('z', 0.0),) for choice in choices)
+    held = None
+    if start_tip_um is not None:
+        held = start_grasp(start_tip_um, start, geometry.curves)
     with interruption(options.time_limit_s, cancelled, clock) as interrupt:
         sequence = cheapest_sequence(
-            choices, geometry.curves, Problem(finger, law, options, clock, interrupt)
+            choices, geometry.curves, Problem(finger, law, options, clock, interrupt), held
         )
 
     def blocked(centres_um: FloatArray) -> bool:
@@ -116,6 +124,7 @@ def plan_reorientation(
         finger,
         waiting_radius_um(geometry.bounding_radius_um, finger),
         blocked,
+        held=held is not None,
     )
     return Plan(
         object_name=geometry.part.name,

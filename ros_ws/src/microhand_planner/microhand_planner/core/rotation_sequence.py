@@ -16,13 +16,14 @@ from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.errors import NoPlanExists
 from microhand_planner.core.offset_curve import OffsetCurve
 from microhand_planner.core.planned_rotation import (
+    Phases,
     PlannedRotation,
     Problem,
-    Role,
     plan_planar_rotation,
 )
 from microhand_planner.core.search_result import NO_BOUND
-from microhand_planner.core.search_state import NDEG
+from microhand_planner.core.search_state import ABSENT, NDEG
+from microhand_planner.core.start_grasp import StartGrasp
 
 Decomposition = Sequence[PlanarRotation]
 
@@ -31,6 +32,7 @@ def cheapest_sequence(
     decompositions: Sequence[Decomposition],
     curves: Mapping[str, OffsetCurve],
     problem: Problem,
+    start: StartGrasp | None = None,
 ) -> tuple[PlannedRotation, ...]:
     """Plan the cheapest of several decompositions.
 
@@ -42,6 +44,8 @@ def cheapest_sequence(
         The path of the tips for the axes ``'z'`` and ``'y'``.
     problem : Problem
         Fingers, contact law, options.
+    start : StartGrasp, optional
+        The grasp to begin with; by default any.
 
     Returns
     -------
@@ -57,32 +61,41 @@ def cheapest_sequence(
     """
     best: list[PlannedRotation] = []
     best_ndeg = NO_BOUND
-    solved: dict[tuple[PlanarRotation, Role], tuple[PlannedRotation | None, int]] = {}
+    solved: dict[object, tuple[PlannedRotation | None, int]] = {}
     failed: PlanarRotation | None = None
     expanded = 0
 
-    def solve(part: PlanarRotation, role: Role, bound_ndeg: int) -> PlannedRotation | None:
+    def solve(
+        part: PlanarRotation, begin: Phases | None, end: Phases | None, bound_ndeg: int
+    ) -> PlannedRotation | None:
         """Solve each planar problem once, unless an earlier bound was tighter."""
         nonlocal expanded
-        planned, below_ndeg = solved.get((part, role), (None, -1))
+        key = (part, begin, end)
+        planned, below_ndeg = solved.get(key, (None, -1))
         if planned is None and below_ndeg < bound_ndeg:
             planned, effort = plan_planar_rotation(
-                part, role, curves[part.axis], problem, bound_ndeg
+                part, curves[part.axis], problem, begin, end, bound_ndeg
             )
             expanded += effort
-            solved[part, role] = (planned, bound_ndeg)
+            solved[key] = (planned, bound_ndeg)
         return planned if planned is not None and planned.cost_ndeg < bound_ndeg else None
 
+    if start is not None:
+        decompositions = [_from_plane_of(start, parts) for parts in decompositions]
     for parts in sorted(decompositions, key=_least_cost_ndeg):
         left_ndeg = _least_cost_ndeg(parts)
         if left_ndeg >= best_ndeg:
             break
         sequence: list[PlannedRotation] = []
         spent_ndeg = 0
-        for part, role in zip(parts, _roles(len(parts)), strict=True):
+        for index, part in enumerate(parts):
+            joints = (0.0, curves[part.axis].phase_of_joint_j)
+            given = None if start is None else start.phase_rad
+            begin = joints if index > 0 else given
+            end = joints if index < len(parts) - 1 else None
             left_ndeg -= _least_cost_ndeg([part])
             bound_ndeg = best_ndeg - spent_ndeg - left_ndeg
-            planned = solve(part, role, bound_ndeg) if bound_ndeg > 0 else None
+            planned = solve(part, begin, end, bound_ndeg) if bound_ndeg > 0 else None
             if planned is None:
                 failed = part
                 break
@@ -97,14 +110,27 @@ def cheapest_sequence(
             'or a free start may help',
             expanded,
         )
+    if start is not None:
+        best[0] = _held_as(start, best[0])
     return _continued(best)
 
 
-def _roles(rotations: int) -> list[Role]:
-    """Return the role of each rotation of a sequence."""
-    if rotations == 1:
-        return [Role.ONLY]
-    return [Role.FIRST, *[Role.MIDDLE] * (rotations - 2), Role.LAST]
+def _from_plane_of(start: StartGrasp, parts: Decomposition) -> Decomposition:
+    """Return the rotations, led by one of zero if they begin in another plane than the grasp."""
+    if parts[0].axis == start.axis:
+        return parts
+    return [PlanarRotation(start.axis, 0.0), *parts]
+
+
+def _held_as(start: StartGrasp, planned: PlannedRotation) -> PlannedRotation:
+    """Return the same motions by the fingers that hold the object now."""
+    tracks = planned.states[0, :3]
+    order = [ABSENT] * 3
+    for finger, phase_rad in zip(start.fingers, start.phase_rad, strict=True):
+        track = planned.lattice.track_at(phase_rad, int(planned.states[0, 3]))
+        order[finger] = int(np.flatnonzero(tracks == track)[0])
+    order[order.index(ABSENT)] = 3 - sum(order) - 1
+    return planned.renamed((order[0], order[1], order[2]))
 
 
 def _least_cost_ndeg(parts: Decomposition) -> int:

@@ -82,16 +82,19 @@ format: setup  ## put all Python files into the project's format
 	$(BIN)/ruff format .
 
 # The same four packages by colcon, in an environment of its own, so that nothing can come from .venv.
-COLCON_INSTALL := build/$(TAG)/colcon/install
+COLCON := build/$(TAG)/colcon
+COLCON_PYTHON := $(CURDIR)/$(TOOLS)/bin/python
 colcon: python $(COLCON_READY)  ## build the workspace with colcon, as on Ubuntu, and check the result
-	AMENT_PREFIX_PATH=$(CURDIR)/$(TOOLS) CMAKE_PREFIX_PATH=$(CURDIR)/$(TOOLS) PATH=$(CURDIR)/$(TOOLS)/bin:$$PATH \
-	colcon --log-base build/$(TAG)/colcon/log build --base-paths $(SRC) \
-	  --build-base build/$(TAG)/colcon/build --install-base $(COLCON_INSTALL) \
+	@echo 'Building $(SRC) with colcon into $(COLCON)'
+	@AMENT_PREFIX_PATH='$(CURDIR)/$(TOOLS)' CMAKE_PREFIX_PATH='$(CURDIR)/$(TOOLS)' PATH="$(CURDIR)/$(TOOLS)/bin:$$PATH" MAKEFLAGS= \
+	colcon --log-base $(COLCON)/log build --base-paths $(SRC) \
+	  --build-base $(COLCON)/build --install-base $(COLCON)/install --event-handlers console_stderr- \
 	  --cmake-args -G Ninja -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release \
-	    -DPython3_EXECUTABLE=$(CURDIR)/$(TOOLS)/bin/python -DPYTHON_EXECUTABLE=$(CURDIR)/$(TOOLS)/bin/python \
-	    -DCMAKE_PROJECT_INCLUDE=$(CURDIR)/$(MSGS)/_wheel/wheel.cmake
-	set +u; export AMENT_PREFIX_PATH=$(CURDIR)/$(TOOLS); source $(COLCON_INSTALL)/local_setup.bash; \
-	$(TOOLS)/bin/python tools/check_install.py $(COLCON_INSTALL)
+	    '-DPython3_EXECUTABLE=$(COLCON_PYTHON)' '-DPYTHON_EXECUTABLE=$(COLCON_PYTHON)' \
+	    '-DCMAKE_PROJECT_INCLUDE=$(CURDIR)/$(MSGS)/_wheel/wheel.cmake' \
+	|| { tail -n 40 $(COLCON)/log/latest_build/*/stderr.log; exit 1; }
+	@set +u; export AMENT_PREFIX_PATH='$(CURDIR)/$(TOOLS)'; source $(COLCON)/install/local_setup.bash; \
+	$(COLCON_PYTHON) tools/check_install.py $(COLCON)/install
 
 clean:  ## remove .venv, builds and caches; recorded runs stay
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache $(SRC)/*/*.egg-info $(SRC)/*/build

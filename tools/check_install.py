@@ -15,6 +15,7 @@ from pathlib import Path
 from ament_index_python import get_package_prefix
 from rclpy.serialization import deserialize_message, serialize_message
 
+SOURCES = Path(__file__).parents[1] / 'ros_ws' / 'src'
 EXECUTABLES = {
     'microhand_planner': ['planner_node'],
     'stage_driver_sim': ['stage_driver'],
@@ -33,6 +34,15 @@ def check_package(name: str, install: Path) -> None:
     origin = Path(str(importlib.import_module(name).__file__))
     require(install in origin.parents, f'{name} is imported from {origin}')
     require(install in Path(get_package_prefix(name)).parents, f'{name} is not in the index')
+
+
+def check_files(name: str, source: Path) -> None:
+    """Check that all files of a Python package were installed, meshes and tables included."""
+    installed = Path(str(importlib.import_module(name).__file__)).parent
+    for path in source.rglob('*'):
+        if path.is_file() and '__pycache__' not in path.parts:
+            relative = path.relative_to(source)
+            require((installed / relative).is_file(), f'{name}/{relative} was not installed')
 
 
 def check_messages(install: Path) -> None:
@@ -62,6 +72,8 @@ if __name__ == '__main__':
     folder = Path(sys.argv[1]).resolve()
     for package_name in ('microhand_msgs_py', *EXECUTABLES):
         check_package(package_name, folder)
+    for package_name in EXECUTABLES:
+        check_files(package_name, SOURCES / package_name / package_name)
     check_messages(folder)
     check_executables(folder)
     print(f'{folder}: four packages, messages and executables are in place')

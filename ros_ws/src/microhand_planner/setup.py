@@ -14,14 +14,14 @@ setup(
     maintainer_email='maintainers@microhand.example',
     python_requires='>=3.10',
     packages=find_packages(),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'catalogue/*.stl', 'catalogue/*.json']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
     ],
-    install_requires=['numba', 'numpy', 'scipy', 'trimesh'],
+    install_requires=['lxml', 'networkx', 'numba', 'numpy', 'scipy', 'trimesh'],
     entry_points={
         'console_scripts': ['planner_node = microhand_planner.ros.planner_node:main'],
     },
-    zip_safe=True,
+    zip_safe=False,
 )

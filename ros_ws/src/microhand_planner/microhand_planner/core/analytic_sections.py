@@ -75,3 +75,30 @@ def polygon_section(corners_um: FloatArray, plane: Plane) -> Section:
     leaving = leaving[0] + np.concatenate([[0.0], np.cumsum(turn[1:])])
     angles = np.column_stack([leaving - turn, leaving])
     return Section(plane, np.repeat(corners_um, 2, axis=0), angles.ravel())
+
+
+def waisted_section(a_um: float, waist_um: float, flare_um: float, plane: Plane) -> Section:
+    """Return the outline u = a cos t, v = (waist + flare cos² t) sin t.
+
+    With no flare an ellipse; with a little a rounded rectangle, still convex; with much of it
+    two lobes with a waist between. The sections of `examples/make_parts.py` are of this kind.
+
+    Examples
+    --------
+    >>> from microhand_planner.core.section import XY_PLANE
+    >>> waisted_section(36.5, 30.5, 4.0, XY_PLANE).is_convex
+    True
+    >>> waisted_section(36.5, 16.0, 76.0, XY_PLANE).is_convex
+    False
+    """
+
+    def point_um(t: FloatArray) -> FloatArray:
+        height_um = waist_um + flare_um * np.cos(t) ** 2
+        return np.column_stack([a_um * np.cos(t), height_um * np.sin(t)])
+
+    def derivative_um(t: FloatArray) -> FloatArray:
+        height_um = waist_um + flare_um * np.cos(t) ** 2
+        climb_um = height_um * np.cos(t) - 2.0 * flare_um * np.cos(t) * np.sin(t) ** 2
+        return np.column_stack([-a_um * np.sin(t), climb_um])
+
+    return parametric_section(plane, point_um, derivative_um)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from microhand_planner.core.errors import InvalidMesh, InvalidParameter, UnknownObject
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.principal_axes import to_principal_axes
-from microhand_planner.core.solid import outward_solid
+from microhand_planner.core.solid import extents, outward_solid
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -54,7 +54,7 @@ class Part:
     @property
     def extents_um(self) -> FloatArray:
         """Size along the axes of the object frame, (3,) [µm]."""
-        return np.asarray(np.ptp(self.vertices_um, axis=0))
+        return extents(self.vertices_um)
 
 
 def load_part(
@@ -159,7 +159,7 @@ def make_part(
     vertices_um = np.asarray(vertices_um, dtype=np.float64)
     if not np.isfinite(vertices_um).all():
         raise InvalidMesh('object', f'{name} with NaN or infinite vertices', 'finite vertices')
-    _check_size(name, np.ptp(vertices_um[faces.ravel()], axis=0), unit_um)
+    _check_size(name, extents(vertices_um[faces.ravel()]), unit_um)
     vertices_um, faces = outward_solid(name, vertices_um, np.asarray(faces, dtype=np.int64))
     if frame == 'principal_axes':
         vertices_um = to_principal_axes(vertices_um, faces)

@@ -16,6 +16,7 @@ IntArray = NDArray[np.int64]
 MERGE_GRIDS = (1e-7, 1e-5)
 """Grids, relative to the size, on which vertices merge: the noise of float32; then that of text
 with six digits."""
+HASH_FACTORS = np.array([0x9E3779B97F4A7C1, 0x5851F42D4C957F2D, 0x14057B7EF767814F])
 LEAST_FILL = 1e-9
 """Smallest share of its bounding box that a solid fills."""
 
@@ -52,6 +53,11 @@ def outward_solid(
     return merged_um, _one_body(name, merged_um, merged)
 
 
+def extents(points: FloatArray) -> FloatArray:
+    """Return the size along each axis, (3,); by columns, ten times faster than over axis 0."""
+    return np.array([np.ptp(column) for column in points.T])
+
+
 def signed_volumes_um3(vertices_um: FloatArray, faces: IntArray) -> FloatArray:
     """Return the volume of the tetrahedron between the mesh's centre and each face, (m,)."""
     corners = (vertices_um - vertices_um.mean(axis=0))[faces]
@@ -61,15 +67,16 @@ def signed_volumes_um3(vertices_um: FloatArray, faces: IntArray) -> FloatArray:
 
 def _merge(vertices_um: FloatArray, faces: IntArray, grid: float) -> tuple[FloatArray, IntArray]:
     """Merge vertices that share a cell of the grid; drop faces that lose their area by it."""
-    used, faces = np.unique(faces, return_inverse=True)
-    vertices_um, faces = vertices_um[used], faces.reshape(-1, 3)
-    cell = np.rint(vertices_um / (grid * np.ptp(vertices_um, axis=0).max())).astype(np.int64)
-    order = np.lexsort(cell.T[::-1])
-    differs = np.any(cell[order[1:]] != cell[order[:-1]], axis=1)
-    number = np.zeros(len(order), dtype=np.int64)
-    number[order] = np.concatenate([[0], np.cumsum(differs)])
-    faces = number[faces]
-    first = order[np.concatenate([[True], differs])]
+    used = np.zeros(len(vertices_um), dtype=np.bool_)
+    used[faces] = True
+    faces = (np.cumsum(used) - 1)[faces]
+    vertices_um = vertices_um[used]
+    cell = np.rint(vertices_um / (grid * extents(vertices_um).max())).astype(np.int64)
+    group, first = _group_rows(cell)
+    order = np.lexsort(cell[first].T[::-1])
+    rank = np.zeros(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    faces, first = rank[group][faces], first[order]
     distinct = (
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     )
@@ -77,6 +84,32 @@ def _merge(vertices_um: FloatArray, faces: IntArray, grid: float) -> tuple[Float
     shift = faces.argmin(axis=1)[:, None]
     faces = np.take_along_axis(faces, (np.arange(3) + shift) % 3, axis=1)
     return vertices_um[first], faces[np.lexsort(faces.T[::-1])]
+
+
+def _group_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Return a number for each row (n, 3), alike for equal rows, and the first row of each number.
+
+    Sorting one hash is several times faster than sorting three columns.
+    """
+    u, v, w = rows.T
+    key = u * HASH_FACTORS[0] + v * HASH_FACTORS[1] + w * HASH_FACTORS[2]
+    order = np.argsort(key, kind='stable')
+    begins = _differs_from_last(u[order], v[order], w[order])
+    if (begins & ~_differs_from_last(key[order])).any():  # two rows with one hash
+        order = np.lexsort((w, v, u))
+        begins = _differs_from_last(u[order], v[order], w[order])
+    group = np.zeros(len(rows), dtype=np.int64)
+    group[order] = np.cumsum(begins) - 1
+    return group, order[begins]
+
+
+def _differs_from_last(*columns: IntArray) -> NDArray[np.bool_]:
+    """Tell for each row whether any column differs from the row before; True for the first."""
+    differs = np.ones(len(columns[0]), dtype=np.bool_)
+    differs[1:] = False
+    for column in columns:
+        differs[1:] |= column[1:] != column[:-1]
+    return differs
 
 
 def _open_edges(faces: IntArray) -> int:
@@ -101,7 +134,7 @@ def _one_body(name: str, vertices_um: FloatArray, faces: IntArray) -> IntArray:
     _, label = connected_components(edges, directed=False)
     volume = np.bincount(label[faces[:, 0]], signed_volumes_um3(vertices_um, faces))
     outer = int(np.abs(volume).argmax())
-    box = np.prod(np.ptp(vertices_um, axis=0))
+    box = np.prod(extents(vertices_um))
     if abs(volume[outer]) < LEAST_FILL * box:
         raise InvalidMesh('object', f'{name}, which has no volume', 'a solid with a volume')
     if volume[outer] < 0.0:

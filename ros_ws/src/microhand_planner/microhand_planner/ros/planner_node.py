@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from microhand_planner.core.catalogue import CatalogueEntry, find_part, list_objects
 from microhand_planner.core.errors import MicrohandError
+from microhand_planner.core.force_check import check_forces
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.plan_check import InvalidStep, check_plan
 from microhand_planner.core.planner import plan_reorientation
@@ -116,7 +117,9 @@ class PlannerNode(Node):
         self, request: ValidatePlan.Request, response: ValidatePlan.Response
     ) -> None:
         try:
-            check_plan(plan_from_msg(request.plan))
+            plan = plan_from_msg(request.plan)
+            check_plan(plan)
+            check_forces(plan)
         except InvalidStep as error:
             response.step = error.step
             raise

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plan to verdict: can the fingers hold, and let go, at every step?"""
+"""Plan to verdict: whether the fingers hold, and may let go, at every step."""
 
 from __future__ import annotations
 

@@ -220,11 +220,15 @@ def _contact_samples(
     Tracks on the lattice share one block of samples; each other shift against the lattice brings
     a block of its own, `density` samples per lattice unit.
     """
-    phase = (track_unit[:, None] - theta_unit[None, :]) % contacts
+    # only the goal may lie off the lattice of orientations: few of their fractions differ
+    whole_turn = np.floor(theta_unit)
+    fraction, kind = np.unique(theta_unit - whole_turn, return_inverse=True)
+    phase = track_unit[:, None] - fraction[None, :]
     whole = np.floor(phase + _SAME)
     shift = np.maximum(phase - whole, 0.0)
     _, first, block = np.unique(np.round(shift / _SAME), return_index=True, return_inverse=True)
     shifts = shift.ravel()[first]
-    sample_of = block.reshape(phase.shape) * contacts + whole.astype(np.int64) % contacts
-    within = np.arange(contacts * density) / density
-    return sample_of * density, (shifts[:, None] + within[None, :]).ravel()
+    within = (whole[:, kind] - whole_turn[None, :]).astype(np.int64) % contacts
+    sample_of = block.reshape(phase.shape)[:, kind] * contacts + within
+    steps = np.arange(contacts * density) / density
+    return sample_of * density, (shifts[:, None] + steps[None, :]).ravel()

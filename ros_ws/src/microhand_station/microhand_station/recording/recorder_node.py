@@ -18,7 +18,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk
 from microhand_msgs_py.srv import StartRun, StopRun
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
@@ -39,7 +38,7 @@ from microhand_station.recording.recorded_topics import (
 from microhand_station.recording.ros2msg_schema import ros2msg_schema
 from microhand_station.recording.run_writer import RunWriter, create_run_file
 from stage_driver_sim.qos import EVENTS, LATCHED
-from stage_driver_sim.spinning import spin_until_signal
+from stage_driver_sim.run_node import run_node
 
 _FINGERS = (1, 2, 3)
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,99}')
@@ -91,7 +90,12 @@ class Recorder(Node):
             StopRun, '~/stop_run', self._stop_run, callback_group=ReentrantCallbackGroup()
         )
 
-    def close_run(self, end: str) -> None:
+    def destroy_node(self) -> None:
+        """Leave the ROS graph; an open record is finished first."""
+        self._close_run('the recorder ended before the run did')
+        super().destroy_node()
+
+    def _close_run(self, end: str) -> None:
         """Finish the file of the open run, if there is one; `end` says why, in the file."""
         run, self._run = self._run, None
         if run is not None:
@@ -195,7 +199,7 @@ class Recorder(Node):
         while run.lacks(expected) and time.monotonic() < give_up_s:
             await self._pause(_POLL_S)
         shortfall = run.shortfall(expected)
-        self.close_run(shortfall or 'complete')
+        self._close_run(shortfall or 'complete')
         shortfall = shortfall or run.failure
         if shortfall:
             response.error_code = ErrorCode.RECORDER_MISSING
@@ -235,13 +239,5 @@ def _station_version() -> str:
 
 
 def main() -> int:
-    """Run the recorder until it is told to stop; an open record is finished first."""
-    rclpy.init()
-    node = Recorder()
-    end = 'the recorder failed; its log says why'
-    try:
-        spin_until_signal(node)
-        end = 'the recorder was told to stop'
-    finally:
-        node.close_run(end)
-    return 0
+    """Run the recorder until it is told to stop."""
+    return run_node(Recorder)

@@ -28,11 +28,12 @@ TAG := $(call py_tag,$(if $(wildcard $(BIN)/python),$(BIN)/python,$(PYTHON)))
 TOOLS := build/$(TAG)/tools
 
 # Stamps are named after the content that they stand for: a step is repeated when, and only when, it changed.
+# So all prerequisites are order-only.
 hash = $(shell sha256sum $(sort $(wildcard $(1))) | sha256sum | cut -c 1-12)
 MSGS := $(SRC)/microhand_msgs_py
-MSGS_HASH := $(call hash,$(MSGS)/*/*.msg $(MSGS)/*/*.srv $(MSGS)/*/*.action $(MSGS)/_wheel/*.* $(MSGS)/*.* requirements/build.txt requirements/constraints.txt)
+MSGS_HASH := $(call hash,$(MSGS)/*/*.msg $(MSGS)/*/*.srv $(MSGS)/*/*.action $(MSGS)/_wheel/*.* $(MSGS)/*.*)
 PACKAGES_HASH := $(call hash,tools/link_into_prefix.py $(foreach p,$(PACKAGES),$(addprefix $(SRC)/$(p)/,setup.* package.xml launch/* config/*)))
-CORE_HASH := $(call hash,$(SRC)/microhand_planner/microhand_planner/*.py $(SRC)/microhand_planner/microhand_planner/core/*.py)
+CORE_HASH := $(call hash,$(SRC)/microhand_planner/microhand_planner/*.py $(SRC)/microhand_planner/microhand_planner/core/*.py requirements/constraints.txt)
 VENV_READY := $(VENV)/.ready/venv
 REQUIREMENTS_READY := $(VENV)/.ready/requirements-$(call hash,requirements/runtime.txt requirements/dev.txt requirements/constraints.txt)
 TOOLS_READY := $(TOOLS)/.ready/build-$(call hash,requirements/build.txt requirements/constraints.txt)
@@ -49,7 +50,8 @@ if ! ( $(2) ) >$(LOG) 2>&1; then \
   printf 'failed\n\n' >&2; tail -n 40 $(LOG) >&2; printf '\nThe step "%s" failed; all of its log: %s\n' '$(1)' '$(LOG)' >&2; exit 1; \
 fi; printf '%4d s\n' $$((SECONDS - start))
 endef
-done = mkdir -p $(@D) && touch $@
+# Only the stamp of the present content stays: going back to older content is a change, too.
+done = mkdir -p $(@D) && rm -f $(@D)/$(firstword $(subst -, ,$(@F)))-* && touch $@
 
 .PHONY: help setup run test lint format colcon clean python
 
@@ -60,7 +62,7 @@ help:  ## list the commands
 	@echo
 	@echo 'Everything sets up .venv first if needed. PYTHON=python3.12 make setup chooses the Python (3.10 to 3.13).'
 
-setup: $(WARM_READY)  ## make .venv: pinned packages, interfaces, the three Python packages
+setup: | $(WARM_READY)  ## make .venv: pinned packages, interfaces, the three Python packages
 	@echo 'Ready: $(BIN)/microhand --help'
 
 run: setup  ## reorient the ellipsoid of examples/ on a simulated station, record it, say how it went
@@ -120,37 +122,37 @@ $(VENV_READY): | python
 	$(call step,environment,rm -rf $(VENV) && '$(PYTHON)' -m venv $(VENV) && $(BIN)/python -m pip install pip)
 	@$(done)
 
-$(REQUIREMENTS_READY): $(VENV_READY)
+$(REQUIREMENTS_READY): | $(VENV_READY)
 	$(call step,ROS 2 Jazzy and Python packages,$(BIN)/python -m pip install -r requirements/runtime.txt -r requirements/dev.txt)
 	@$(done)
 
 $(TOOLS_READY): | python
-	$(call step,build tools,rm -rf $(TOOLS) && '$(if $(wildcard $(BIN)/python),$(BIN)/python,$(PYTHON))' -m venv $(TOOLS) \
+	$(call step,build tools,'$(if $(wildcard $(BIN)/python),$(BIN)/python,$(PYTHON))' -m venv $(TOOLS) \
 	  && $(TOOLS)/bin/python -m pip install pip && $(TOOLS)/bin/python -m pip install -r requirements/build.txt)
 	@$(done)
 
-$(COLCON_READY): $(TOOLS_READY)
+$(COLCON_READY): | $(TOOLS_READY)
 	$(call step,build tools: what the packages need to run,$(TOOLS)/bin/python -m pip install -r requirements/runtime.txt)
 	@$(done)
 
 # --no-build-isolation: the tools environment is the isolation, and is kept for the next build.
-$(MSGS_WHEEL): $(TOOLS_READY)
+$(MSGS_WHEEL): | $(TOOLS_READY)
 	$(call step,interfaces (generates and compiles),rm -rf build/$(TAG)/interfaces-* && mkdir -p $(@D) \
 	  && $(TOOLS)/bin/python -m pip wheel --no-build-isolation --no-deps --wheel-dir $(@D) ./$(MSGS))
 	@$(done)
 
-$(MSGS_READY): $(REQUIREMENTS_READY) $(MSGS_WHEEL)
+$(MSGS_READY): | $(REQUIREMENTS_READY) $(MSGS_WHEEL)
 	$(call step,interfaces: install,$(BIN)/python -m pip install --no-index --no-deps --force-reinstall $(dir $(MSGS_WHEEL))*.whl)
 	@$(done)
 
 # Editable, by a plain path file (`compat`) that type checkers follow as well.
-$(PACKAGES_READY): $(MSGS_READY)
+$(PACKAGES_READY): | $(MSGS_READY)
 	$(call step,$(PACKAGES),$(BIN)/python -m pip install --no-build-isolation --no-deps --no-index \
 	  --config-settings editable_mode=compat $(addprefix -e ./$(SRC)/,$(PACKAGES)) \
 	  && $(BIN)/python tools/link_into_prefix.py $(addprefix ./$(SRC)/,$(PACKAGES)))
 	@$(done)
 
 # numba compiles the search once, here, so that nobody waits for it later.
-$(WARM_READY): $(PACKAGES_READY) | python
+$(WARM_READY): | $(PACKAGES_READY) python
 	$(call step,search kernels,if [[ -e $(SRC)/microhand_planner/microhand_planner/warm_up.py ]]; then $(BIN)/python -m microhand_planner.warm_up; fi)
 	@$(done)

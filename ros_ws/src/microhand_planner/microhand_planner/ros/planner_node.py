@@ -133,7 +133,7 @@ class PlannerNode(Node):
         return ObjectInfo(
             name=entry.name,
             description=entry.description,
-            mesh_file=str(entry.mesh),
+            mesh_file=str(entry.mesh_file),
             unit=entry.unit_um / UM_PER_M,
             frame=entry.frame,
             object_hash=part.sha256,

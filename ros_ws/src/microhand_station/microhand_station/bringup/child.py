@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One node as a process that does not outlive the one that started it.
 
-Run as ``python -m microhand_station.bringup.child PARENT MODULE [ARGUMENT ...]``, where PARENT is a
-process id; calls ``MODULE.main()``.
+Run as ``python -m microhand_station.bringup.child PARENT MODULE [ARGUMENT ...]``, where PARENT is
+the id of the process that starts it; calls ``MODULE.main()``.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import numpy as np
 from microhand_msgs_py.msg import Plan as PlanMsg
 
 from microhand_planner.core.errors import MicrohandError, RunFailed
+from microhand_planner.core.force_check import check_forces
 from microhand_planner.core.plan import FINGERS, Plan, Step
 from microhand_planner.core.plan_check import check_plan
 from microhand_planner.core.trajectory import Pace, Trajectory, time_steps
@@ -122,6 +123,7 @@ class Execution:
         """Check everything, then move."""
         plan = plan_from_msg(message)
         check_plan(plan)
+        check_forces(plan)
         limits = [stage.limits(ANSWER_S) for stage in self._stages]
         self._wait_for(lambda: check_ready(self._streamer.reports(), time.monotonic()))
         approach, trajectory = self._timed(plan, limits)

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`microhand demo`: a station of its own, one reorientation, its record and its report."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from microhand_planner.core.plan_file import write_plan
+from microhand_planner.core.pose import Pose
+from microhand_station.bringup.signals import interruptible
+from microhand_station.bringup.station import RunningStation
+from microhand_station.cli.answer import answer, json_option, news_console
+from microhand_station.cli.plan_result import PLAN_KEYS, plan_result, show_plan
+from microhand_station.cli.request import Request, request_from, request_options
+from microhand_station.cli.station_options import StationChoice, station_choice, station_options
+from microhand_station.client import ExecutionResult, PlanAnswer, StationClient
+from microhand_station.recording.report import write_report
+from microhand_station.recording.run_reader import Run
+
+KEYS = (*PLAN_KEYS, 'mcap', 'report', 'held', 'final_error_deg')
+STATION_KEYS = ('config', 'namespace', 'domain_id', 'run_dir', 'speed')
+PAPER_ZYZ_DEG = (80.0, 220.0, 100.0)
+
+
+@click.command()
+@click.argument('object_name', metavar='[OBJECT]', default='ellipsoid')
+@request_options
+@station_options
+@json_option
+def demo(object_name: str, as_json: bool, **options: Any) -> None:
+    r"""Run a whole simulated station for one reorientation of OBJECT.
+
+    Starts planner, sequencer, recorder and three stage drivers as processes of their own, asks the
+    planner for a plan and the sequencer to execute it, and writes a record and a report. OBJECT is
+    a mesh file or a name of the catalogue, `ellipsoid` if left out; the rotation of the paper,
+    80 220 100, is the default.
+
+    \b
+    Examples:
+      microhand demo
+      microhand demo part.stl --unit mm --euler-zyz 0 90 0 --speed 2
+      microhand demo ellipsoid --json
+    """
+    of_station = {key: options.pop(key) for key in STATION_KEYS}
+    if options['quaternion'] is None and options['euler_zyz'] is None:
+        options['euler_zyz'] = PAPER_ZYZ_DEG
+
+    def work() -> dict[str, Any]:
+        request = request_from(object_name, **options)
+        return _run(request, _alone(station_choice('demo', **of_station)), as_json)
+
+    answer(as_json, KEYS, work, _show)
+
+
+def _alone(choice: StationChoice) -> StationChoice:
+    """Give the demonstration a ROS domain of its own, unless the user has chosen one."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    if choice.domain_id is None and 'ROS_DOMAIN_ID' not in os.environ:
+        return StationChoice(choice.config, choice.folder, 1 + os.getpid() % 100)
+    return choice
+
+
+def _run(request: Request, choice: StationChoice, as_json: bool) -> dict[str, Any]:
+    """Start the station, plan, execute, and write the report."""
+    console = news_console(as_json)
+    station = RunningStation(choice.config, choice.folder, choice.domain_id, console.print)
+    began_s = time.monotonic()
+    with interruptible():
+        console.print('starting the station …')
+        with station, StationClient(choice.config.namespace, choice.domain_id) as client:
+            console.print(f'six nodes ready after {time.monotonic() - began_s:.1f} s; planning …')
+            found = client.plan(
+                _findable(request.object_name),
+                Pose(),
+                request.goal,
+                unit_um=request.unit_um or 0.0,
+                finger=request.finger,
+                law=request.law,
+                options=request.options,
+            )
+            write_plan(found.plan, choice.folder / 'plan.json')
+            done = _execute(client, found, console)
+        for trouble in station.troubles:
+            console.print(trouble)
+        return _result(request, choice.folder, found, done)
+
+
+def _findable(object_name: str) -> str:
+    """Return a mesh file's full path: the planner may have another working directory."""
+    path = Path(object_name)
+    return str(path.absolute()) if path.is_file() else object_name
+
+
+def _execute(client: StationClient, found: PlanAnswer, console: Console) -> ExecutionResult:
+    """Execute the plan under a progress bar."""
+    columns = (TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task('on the way to the start', total=1.0)
+
+        def tell(progress: Any) -> None:
+            text = (
+                f'step {progress.step + 1} of {progress.steps}, rotation {progress.rotation + 1}'
+            )
+            bar.update(task, completed=progress.share, description=text)
+
+        return client.execute(found.plan, 'demo', tell)
+
+
+def _result(
+    request: Request, folder: Path, found: PlanAnswer, done: ExecutionResult
+) -> dict[str, Any]:
+    """Write the report and return what the demonstration says."""
+    error_rad = done.final_error_rad
+    result: dict[str, Any] = {
+        **plan_result(found.plan, math.degrees(found.goal_error_rad), found.planning_time_s),
+        'mcap': None if done.record_file is None else str(done.record_file),
+        'report': None,
+        'held': done.held,
+        'final_error_deg': None if error_rad is None else math.degrees(error_rad),
+        'duration_s': done.duration_s,
+        'setpoints': done.setpoints_sent,
+    }
+    if done.record_file is not None:
+        report = folder / 'report.html'
+        goal = found.plan.goal.rotation.as_euler('ZYZ', degrees=True)
+        asked = 'R(z, {:.4g}°) R(y, {:.4g}°) R(z, {:.4g}°)'.format(*goal)
+        summary = {'object': request.object_name, 'request': asked, **result}
+        write_report(Run.open(done.record_file), report, summary)
+        result['report'] = str(report)
+    return result
+
+
+def _show(console: Console, result: Mapping[str, Any]) -> None:
+    """Print the summary for people."""
+    show_plan(console, dict(result))
+    console.print(
+        f'\nexecuted in {result["duration_s"]:.1f} s: {result["setpoints"]} setpoints to each of '
+        'three stages, all on target'
+    )
+    if result['held'] is None:
+        console.print('whether the object was held: not judged, nothing watched it')
+    console.print(f'record  {result["mcap"]}\nreport  {result["report"]}', soft_wrap=True)

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `plan` and `demo` say about a plan: keys for programs, a table for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from microhand_planner.core.plan import Plan
+from microhand_planner.core.plan_file import plan_hash
+
+PLAN_KEYS = (
+    'cost_deg',
+    'reconfigurations',
+    'rotations',
+    'goal_error_deg',
+    'planning_time_s',
+    'plan_hash',
+)
+
+
+def plan_result(plan: Plan, goal_error_deg: float, planning_time_s: float) -> dict[str, Any]:
+    """Return the values of `PLAN_KEYS`."""
+    return {
+        'cost_deg': plan.cost_deg,
+        'reconfigurations': plan.reconfigurations,
+        'rotations': [dict(vars(rotation)) for rotation in plan.rotations],
+        'goal_error_deg': goal_error_deg,
+        'planning_time_s': planning_time_s,
+        'plan_hash': plan_hash(plan),
+    }
+
+
+def show_plan(console: Console, result: dict[str, Any]) -> None:
+    """Print the rotations of a plan and their sums."""
+    table = Table(box=None, pad_edge=False, header_style='dim')
+    for heading in ('rotation', 'axis', 'angle', 'cost', 'regrasps', 'expanded', 'time'):
+        table.add_column(heading, justify='left' if heading == 'axis' else 'right')
+    for number, rotation in enumerate(result['rotations'], start=1):
+        table.add_row(
+            str(number),
+            rotation['axis'],
+            f'{rotation["angle_deg"]:.2f}°',
+            f'{rotation["cost_deg"]:.0f}°',
+            str(rotation['reconfigurations']),
+            str(rotation['expanded']),
+            f'{1e3 * rotation["time_s"]:.1f} ms',
+        )
+    console.print(table)
+    console.print(
+        f'\ncost {result["cost_deg"]:.0f}°, {result["reconfigurations"]} placements and removals, '
+        f'off the goal by {result["goal_error_deg"]:.2g}°, '
+        f'planned in {result["planning_time_s"]:.2f} s'
+    )
+    console.print(f'plan {result["plan_hash"]}', style='dim')

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`microhand recover`: what is readable of a broken record. Needs no ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
+
+from microhand_station.cli.answer import answer, json_option, news_console
+from microhand_station.recording.recover import recover as recover_record
+
+
+@click.command()
+@click.argument('broken', type=click.Path(path_type=Path), metavar='BROKEN.mcap')
+@click.argument('out', type=click.Path(path_type=Path), metavar='OUT.mcap')
+@json_option
+def recover(broken: Path, out: Path, as_json: bool) -> None:
+    r"""Copy every readable message of a record that was not finished into a sound file.
+
+    A record is broken if the recorder was killed, or its disk was full. BROKEN stays as it is.
+
+    \b
+    Example:
+      microhand recover runs/lost_power.mcap runs/saved.mcap
+    """
+
+    def work() -> dict[str, Any]:
+        columns = (TextColumn('reading'), BarColumn(), DownloadColumn())
+        with Progress(*columns, console=news_console(as_json), transient=True) as progress:
+            task = progress.add_task('reading')
+            messages = recover_record(
+                broken,
+                out,
+                lambda done, total: progress.update(task, completed=done, total=total),
+            )
+        return {'messages': messages, 'file': str(out)}
+
+    answer(as_json, ('messages', 'file'), work, _show)
+
+
+def _show(console: Console, result: dict[str, Any]) -> None:
+    """Print how much was saved."""
+    console.print(f'{result["messages"]} messages saved in {result["file"]}')

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The options that say what to plan, shared by `plan` and `demo`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import click
+from scipy.spatial.transform import Rotation
+
+from microhand_planner.core.errors import BadRequest, InvalidNumber
+from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
+from microhand_planner.core.pose import Pose
+
+UNITS_UM = {'nm': 1e-3, 'um': 1.0, 'mm': 1e3, 'm': 1e6}
+
+Triple = tuple[float, float, float]
+Quadruple = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be planned.
+
+    Parameters
+    ----------
+    object_name : str
+        Mesh file or catalogue name.
+    unit_um : float or None
+        Length of one unit of the mesh [µm]; None: the catalogue's, or 1 µm.
+    goal : Pose
+        Where the object shall be; it starts at the station's origin.
+    finger, law, options
+        What the planner is told.
+    """
+
+    object_name: str
+    unit_um: float | None
+    goal: Pose
+    finger: Finger
+    law: ContactLaw
+    options: SearchOptions
+
+
+_OPTIONS = (
+    click.option('--unit', type=click.Choice(list(UNITS_UM)), help='Unit of the mesh file [um].'),
+    click.option(
+        '--euler-zyz',
+        nargs=3,
+        type=float,
+        metavar='A B C',
+        help='Rotation Rz(A) Ry(B) Rz(C) in the object frame, degrees.',
+    ),
+    click.option(
+        '--quaternion', nargs=4, type=float, metavar='W X Y Z', help='Rotation, object frame.'
+    ),
+    click.option(
+        '--translation-um',
+        nargs=3,
+        type=float,
+        default=(0.0, 0.0, 0.0),
+        metavar='X Y Z',
+        help='Translation in the station frame [0 0 0].',
+    ),
+    click.option(
+        '--mode',
+        type=click.Choice([mode.value for mode in Mode]),
+        default=Mode.ROBUST.value,
+        show_default=True,
+        help='robust: exact contacts, any angle; paper: the lattice of Kumar et al. 2021.',
+    ),
+    click.option(
+        '--step-deg',
+        type=float,
+        default=20.0,
+        show_default=True,
+        help='Largest rotation between two chances to regrasp.',
+    ),
+    click.option('--friction', type=float, default=0.3, show_default=True, help='Coulomb.'),
+    click.option(
+        '--pull-off-uN',
+        'pull_off_un',
+        type=float,
+        default=1.5,
+        show_default=True,
+        help='Force that detaches a tip, µN.',
+    ),
+    click.option('--no-adhesion', is_flag=True, help='Plan as if nothing stuck.'),
+    click.option(
+        '--max-force-uN',
+        'max_force_un',
+        type=float,
+        default=30.0,
+        show_default=True,
+        help='Largest normal force of a tip, µN.',
+    ),
+    click.option(
+        '--finger-radius-um',
+        type=float,
+        default=4.5,
+        show_default=True,
+        help='Radius of the spherical tips.',
+    ),
+    click.option('--time-limit', type=float, metavar='S', help='Give up searching after S s.'),
+)
+
+
+def request_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options to a command; `request_from` reads their values."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def request_from(
+    object_name: str,
+    *,
+    unit: str | None,
+    euler_zyz: Triple | None,
+    quaternion: Quadruple | None,
+    translation_um: Triple,
+    mode: str,
+    step_deg: float,
+    friction: float,
+    pull_off_un: float,
+    no_adhesion: bool,
+    max_force_un: float,
+    finger_radius_um: float,
+    time_limit: float | None,
+) -> Request:
+    """Return the request that the options describe.
+
+    Raises
+    ------
+    BadRequest
+        Names the option, its value and what is allowed.
+    """
+    if euler_zyz is not None and quaternion is not None:
+        raise BadRequest('quaternion', 'given beside euler-zyz', 'one of the two')
+    if quaternion is None:
+        angles_deg = euler_zyz or (0.0, 0.0, 0.0)
+        if not all(math.isfinite(angle) for angle in angles_deg):
+            raise InvalidNumber('euler-zyz', angles_deg, 'three finite numbers')
+        goal = Pose.of(translation_um, Rotation.from_euler('ZYZ', angles_deg, degrees=True))
+    else:
+        goal = Pose(translation_um, quaternion)
+    return Request(
+        object_name=object_name,
+        unit_um=None if unit is None else UNITS_UM[unit],
+        goal=goal,
+        finger=Finger(finger_radius_um),
+        law=ContactLaw(friction, pull_off_un, max_force_un, adhesion=not no_adhesion),
+        options=SearchOptions(math.radians(step_deg), Mode(mode), time_limit),
+    )

@@ -12,6 +12,7 @@ import platform
 import re
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import datetime, timezone
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -73,10 +74,8 @@ class Recorder(Node):
         self._run: OpenRun | None = None
         self._latched: dict[str, bytes] = {}
         self._events = self.create_publisher(RunEvent, 'events', EVENTS)
-        self._topics = recorded_topics(_FINGERS)
-        self._channels = [
-            (self.resolve_topic_name(topic.name), topic) for topic in (PLAN_TOPIC, *self._topics)
-        ]
+        topics = (PLAN_TOPIC, *recorded_topics(_FINGERS))
+        self._channels = [(self.resolve_topic_name(topic.name), topic) for topic in topics]
         self._schemas = {
             topic.type_name: ros2msg_schema(topic.type_name) for _, topic in self._channels
         }
@@ -180,6 +179,8 @@ class Recorder(Node):
             for topic_name, cdr in self._latched.items():
                 writer.write(topic_name, cdr, now_ns, now_ns)
         except OSError:
+            with suppress(OSError):  # closing tries once more to write what was refused
+                stream.close()
             path.unlink()
             raise
         return OpenRun(path, writer, _FINGERS)

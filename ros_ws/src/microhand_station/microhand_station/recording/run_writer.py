@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -142,7 +143,5 @@ class RunWriter:
 
     def abandon(self) -> None:
         """Let go of a file that can no longer be written."""
-        try:
+        with suppress(OSError):  # closing tries once more to write what was refused
             self._stream.close()
-        except OSError:
-            pass  # the bytes that the disk refused once are refused again

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from microhand_planner.core.arc_spline import arc_spline
+from microhand_planner.core.outline import polygon_outline
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.section import Plane, Section
 
@@ -68,13 +69,8 @@ def polygon_section(corners_um: FloatArray, plane: Plane) -> Section:
     >>> polygon_section(corners_um, XY_PLANE).perimeter_um
     40.0
     """
-    edge = np.roll(corners_um, -1, axis=0) - corners_um
-    leaving = np.arctan2(-edge[:, 0], edge[:, 1])
-    turn = leaving - np.roll(leaving, 1)
-    turn = math.pi - np.mod(math.pi - turn, 2.0 * math.pi)
-    leaving = leaving[0] + np.concatenate([[0.0], np.cumsum(turn[1:])])
-    angles = np.column_stack([leaving - turn, leaving])
-    return Section(plane, np.repeat(corners_um, 2, axis=0), angles.ravel())
+    points_um, angles, _ = polygon_outline(corners_um)
+    return Section(plane, points_um, angles)
 
 
 def waisted_section(a_um: float, waist_um: float, flare_um: float, plane: Plane) -> Section:

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from microhand_planner.core.arc_crossings import moving_arcs, self_crossings
 from microhand_planner.core.arc_spline import arc_spline
-from microhand_planner.core.errors import EmptySection
+from microhand_planner.core.errors import EmptySection, InvalidMesh
 from microhand_planner.core.mesh_cut import MeshLoop, cut_mesh
-from microhand_planner.core.outline import smooth_outline
+from microhand_planner.core.outline import polygon_outline, smooth_outline
 from microhand_planner.core.part import Part
 from microhand_planner.core.section import Plane, Section
 
@@ -39,6 +42,8 @@ def cut_section(part: Part, plane: Plane) -> Section:
     ------
     EmptySection
         The plane does not cut the part, or no loop surrounds the origin.
+    InvalidMesh
+        The outline touches or crosses itself.
 
     Examples
     --------
@@ -59,7 +64,31 @@ def cut_section(part: Part, plane: Plane) -> Section:
             'an origin inside the object, for instance with the frame principal_axes',
         )
     loop = max(around, key=_area_um2)
-    outline_um, outline_angle, source = smooth_outline(loop.points_um)
+    others_um = tuple(other.points_um for other in loops if other is not loop)
+    # Rounding can make the flanks of a needle cross: then the facets are taken as they are.
+    for outline in (smooth_outline, polygon_outline):
+        try:
+            section = _section(plane, loop, outline, others_um)
+        except ValueError:
+            continue
+        arcs = moving_arcs(section.arcs, 0.0)
+        if section.is_convex or len(self_crossings(arcs, 0.0)) == 0:
+            return section
+    raise InvalidMesh(
+        'object',
+        f'{part.name}, whose section normal to {plane.axis.upper()} touches or crosses itself',
+        'a mesh whose faces meet at common edges only',
+    )
+
+
+def _section(
+    plane: Plane,
+    loop: MeshLoop,
+    outline: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
+    others_um: tuple[FloatArray, ...],
+) -> Section:
+    """Turn a loop into a section, with an outline that `outline` makes of its points."""
+    outline_um, outline_angle, source = outline(loop.points_um)
     points_um, angles, from_outline = arc_spline(outline_um, outline_angle)
     count = len(loop.points_um)
     where = np.interp(from_outline, np.arange(len(source) + 1), [*source, source[0] + count])
@@ -70,7 +99,7 @@ def cut_section(part: Part, plane: Plane) -> Section:
         angles,
         out_of_plane_sin=slope,
         facet_gap_um=loop.facet_gap_um + _largest_gap_um(outline_um, source, loop.points_um),
-        other_loops_um=tuple(other.points_um for other in loops if other is not loop),
+        other_loops_um=others_um,
     )
 
 

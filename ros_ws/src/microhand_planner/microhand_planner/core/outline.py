@@ -28,6 +28,8 @@ BoolArray = NDArray[np.bool_]
 
 CORNER_RAD = math.radians(20.0) + 1e-6
 COLLINEAR_RAD = 2e-4
+SHORTEST_SHARE = 1e-6
+"""Segments shorter than this share of the size are points."""
 END_RATIO = 3.0
 SPLINE_TURN_RAD = 0.02
 MOST_SPLINE_PARTS = 8
@@ -63,19 +65,41 @@ def smooth_outline(points_um: FloatArray) -> tuple[FloatArray, FloatArray, Float
     is_round = _round_segments(length, turn)
     is_corner = (np.abs(turn) > CORNER_RAD) | ~(is_round | np.roll(is_round, 1))
     if is_round.all() and not is_corner.any():
-        closed = np.vstack([points_um, points_um[:1]])
-        points, tangents, source = _spline(closed, 'periodic')
+        points, tangents, source = _spline(np.vstack([points_um, points_um[:1]]), 'periodic')
+        segment = np.minimum(source, len(length) - 1).astype(np.intp)
     else:
-        points, tangents, source = _chain(points_um, edge / length[:, None], is_round, is_corner)
+        points, tangents, source, segment = _chain(
+            points_um, edge / length[:, None], is_round, is_corner
+        )
+
+    # The direction of the segment, unwrapped, tells the turn of the normal, also at a needle's
+    # point, where the turn is near 180 degrees.
+    heading = np.arctan2(edge[0, 1], edge[0, 0]) + np.concatenate([[0.0], np.cumsum(turn[1:])])
+    heading = np.concatenate([heading, heading + 2.0 * math.pi])[segment] - 0.5 * math.pi
+    lean = np.arctan2(-tangents[:, 0], tangents[:, 1]) - heading
+    angle = heading + np.mod(lean + math.pi, 2.0 * math.pi) - math.pi
 
     following = np.roll(points, -1, axis=0)
     repeated = np.hypot(*(following - points).T) < 1e-12 * np.ptp(points)
-    repeated &= np.hypot(*(np.roll(tangents, -1, axis=0) - tangents).T) < 1e-9
-    points, tangents, source = points[~repeated], tangents[~repeated], source[~repeated]
-    angle = np.unwrap(np.arctan2(-tangents[:, 0], tangents[:, 1]))
+    repeated &= np.abs(np.diff(angle, append=angle[0] + 2.0 * math.pi)) < 1e-9
     # The chain may start anywhere, so its sources run up to a turn further.
     numbers = np.concatenate([index, index + count, index[:1] + 2 * count])
-    return points, angle, np.interp(source, np.arange(len(numbers)), numbers)
+    on_polygon = np.interp(source, np.arange(len(numbers)), numbers)
+    return points[~repeated], angle[~repeated], on_polygon[~repeated]
+
+
+def polygon_outline(corners_um: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Take a polygon as it is: every point a corner, every segment straight.
+
+    Parameters and results are those of `smooth_outline`.
+    """
+    edge = np.roll(corners_um, -1, axis=0) - corners_um
+    leaving = np.arctan2(-edge[:, 0], edge[:, 1])
+    turn = leaving - np.roll(leaving, 1)
+    turn = math.pi - np.mod(math.pi - turn, 2.0 * math.pi)
+    leaving = leaving[0] + np.concatenate([[0.0], np.cumsum(turn[1:])])
+    angle = np.column_stack([leaving - turn, leaving]).ravel()
+    return np.repeat(corners_um, 2, axis=0), angle, np.repeat(np.arange(len(edge)) + 0.0, 2)
 
 
 def _without_collinear(points_um: FloatArray) -> NDArray[np.intp]:
@@ -90,7 +114,7 @@ def _without_collinear(points_um: FloatArray) -> NDArray[np.intp]:
         before = np.roll(edge, 1, axis=0)
         cross = before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
         flat = np.abs(np.arctan2(cross, np.einsum('ij,ij->i', before, edge))) < COLLINEAR_RAD
-        flat |= np.hypot(edge[:, 0], edge[:, 1]) < 1e-9 * np.ptp(points_um)
+        flat |= np.hypot(edge[:, 0], edge[:, 1]) < SHORTEST_SHARE * np.ptp(points_um)
         flat &= ~np.roll(flat, 1) | (np.arange(len(index)) % 2 == 1)
         if not flat.any():
             break
@@ -140,11 +164,17 @@ def _looks_straight(length: FloatArray, turn: FloatArray) -> tuple[BoolArray, Bo
 
 def _chain(
     points_um: FloatArray, direction: FloatArray, is_round: BoolArray, is_corner: BoolArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Join straight segments and round stretches; return points, unit tangents and sources."""
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
+    """Join straight segments and round stretches.
+
+    Returns
+    -------
+    points_um, tangents, source, segment
+        Of each sample; at a corner the segments before and after have a sample each.
+    """
     count = len(points_um)
     ends = np.flatnonzero(is_corner | ~is_round | ~np.roll(is_round, 1))
-    points, tangents, sources = [], [], []
+    points, tangents, sources, segments = [], [], [], []
     for start, stop in zip(ends, np.append(ends[1:], ends[0] + count), strict=True):
         stretch = np.arange(start, stop + 1)
         corner = is_corner[start], is_corner[stop % count]
@@ -161,7 +191,10 @@ def _chain(
         points.append(part[0])
         tangents.append(part[1])
         sources.append(part[2] + start)
-    return np.vstack(points), np.vstack(tangents), np.concatenate(sources)
+        segments.append(np.minimum(part[2], stop - start - 1).astype(np.intp) + start)
+    return (
+        np.vstack(points), np.vstack(tangents), np.concatenate(sources), np.concatenate(segments)
+    )  # fmt: skip
 
 
 def _spline(

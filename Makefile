@@ -154,5 +154,5 @@ $(PACKAGES_READY): | $(MSGS_READY)
 
 # numba compiles the search once, here, so that nobody waits for it later.
 $(WARM_READY): | $(PACKAGES_READY) python
-	$(call step,search kernels,if [[ -e $(SRC)/microhand_planner/microhand_planner/warm_up.py ]]; then $(BIN)/python -m microhand_planner.warm_up; fi)
+	$(call step,search kernels,$(BIN)/python -m microhand_planner.warm_up)
 	@$(done)

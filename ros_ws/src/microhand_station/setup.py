@@ -23,7 +23,7 @@ setup(
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
         (f'share/{NAME}/config', sorted(glob('config/*.yaml'))),
     ],
-    install_requires=['click', 'mcap', 'mcap-ros2-support', 'numpy', 'pyyaml', 'rich'],
+    install_requires=['click', 'mcap', 'mcap-ros2-support', 'numpy', 'pyyaml', 'rich', 'scipy'],
     entry_points={
         'console_scripts': [
             'microhand = microhand_station.cli.app:main',

@@ -15,19 +15,19 @@ from collections.abc import Sequence
 import numba as nb
 import numpy as np
 
-from microhand_planner.core.grasp import pair_presses, tips_clear, triple_presses
+from microhand_planner.core.grasp import pair_presses, triple_presses
 from microhand_planner.core.parameters import ContactLaw, Finger
-from microhand_planner.core.pose import FloatArray
-from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
+from microhand_planner.core.rotation_lattice import IntArray, RotationLattice
+from microhand_planner.core.search_field import SearchField, clear_of, search_field
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
 from microhand_planner.core.search_state import (
     ABSENT,
     RECONFIGURATION_NDEG,
     Grasp,
-    cost_left_ndeg,
     is_any,
     named_fingers,
     pack,
+    paper_estimate_ndeg,
     sorted_grasp,
     trace_back,
     unpack,
@@ -75,16 +75,7 @@ def graph_search(
     """
     begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
     outcome, cost, keys, expanded = _search(
-        lattice.sample_of,
-        lattice.theta_ndeg,
-        lattice.interior,
-        lattice.block,
-        lattice.centre_um,
-        lattice.contact_um,
-        lattice.normal,
-        lattice.usable,
-        finger.min_distance_um,
-        law.friction,
+        search_field(lattice, finger, law),
         np.asarray(starts, dtype=np.int64).reshape(-1, 3),
         begin,
         sorted_grasp(goal) if interchangeable else goal,
@@ -103,13 +94,7 @@ def graph_search(
 
 @nb.njit(cache=True)
 def _stable(
-    samples: tuple[int, int, int],
-    centre_um: FloatArray,
-    contact_um: FloatArray,
-    normal: FloatArray,
-    usable: BoolArray,
-    min_distance_um: float,
-    friction: float,
+    field: SearchField, samples: tuple[int, int, int]
 ) -> bool:  # pragma: no cover - compiled
     """Return whether the placed fingers hold by pressing; a sample below zero: not placed."""
     at_um = np.zeros((3, 2))
@@ -118,47 +103,36 @@ def _stable(
     for one in range(3):
         if samples[one] < 0:
             continue
-        if not usable[samples[one]]:
+        if not field.usable[samples[one]]:
             return False
         for other in range(one):
-            if samples[other] >= 0 and not tips_clear(
-                centre_um[samples[one]], centre_um[samples[other]], min_distance_um
-            ):
+            if samples[other] >= 0 and not clear_of(field, samples[one], samples[other]):
                 return False
-        at_um[placed] = contact_um[samples[one]]
-        at_normal[placed] = normal[samples[one]]
+        at_um[placed] = field.contact_um[samples[one]]
+        at_normal[placed] = field.normal[samples[one]]
         placed += 1
     if placed == 2:
-        return pair_presses(at_um, at_normal, friction)
-    return triple_presses(at_um, at_normal, friction)
+        return pair_presses(at_um, at_normal, field.friction)
+    return triple_presses(at_um, at_normal, field.friction)
 
 
 @nb.njit(cache=True, inline='always')
 def _samples_at(
-    grasp: Grasp, orientation: int, back: int, block: int, sample_of: IntArray
+    field: SearchField, grasp: Grasp, orientation: int, back: int
 ) -> tuple[int, int, int]:  # pragma: no cover - compiled
     """Return the samples of a grasp, rolled on by `back` samples from an orientation."""
     samples = (-1, -1, -1)
     for finger in range(3):
         if grasp[finger] >= 0:
-            here = sample_of[grasp[finger], orientation]
-            base = here - here % block
-            samples = with_finger(samples, finger, base + (here - base - back) % block)
+            here = field.sample_of[grasp[finger], orientation]
+            base = here - here % field.block
+            samples = with_finger(samples, finger, base + (here - base - back) % field.block)
     return samples
 
 
 @nb.njit(cache=True, nogil=True)
 def _search(
-    sample_of: IntArray,
-    theta_ndeg: IntArray,
-    interior: IntArray,
-    block: int,
-    centre_um: FloatArray,
-    contact_um: FloatArray,
-    normal: FloatArray,
-    usable: BoolArray,
-    min_distance_um: float,
-    friction: float,
+    field: SearchField,
     starts: IntArray,
     begin: int,
     goal: Grasp,
@@ -168,10 +142,11 @@ def _search(
     interrupt: IntArray,
 ) -> tuple[int, int, IntArray, int]:  # pragma: no cover - compiled
     """Run A*; see `graph_search`. Returns outcome, cost, packed states of the path, expansions."""
-    tracks, orientations = sample_of.shape
+    tracks, orientations = field.sample_of.shape
+    theta_ndeg = field.theta_ndeg
     nothing = np.zeros(0, dtype=np.int64)
     first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
-    start_total = cost_left_ndeg(
+    start_total = paper_estimate_ndeg(
         first_start, goal, theta_ndeg[begin], theta_ndeg[end], interchangeable
     )
     cost_of = {pack(first_start, begin, tracks, orientations): 0}
@@ -189,10 +164,7 @@ def _search(
             next_start += 1
             if interchangeable:
                 grasp = sorted_grasp(grasp)
-            if _stable(
-                _samples_at(grasp, begin, 0, block, sample_of),
-                centre_um, contact_um, normal, usable, min_distance_um, friction,
-            ):  # fmt: skip
+            if _stable(field, _samples_at(field, grasp, begin, 0)):
                 key = pack(grasp, begin, tracks, orientations)
                 cost_of[key] = 0
                 parent_of[key] = key
@@ -221,16 +193,10 @@ def _search(
                 if arrive < 0 or arrive >= orientations:
                     continue
                 lower = min(orientation, arrive)
-                holds = _stable(
-                    _samples_at(grasp, arrive, 0, block, sample_of),
-                    centre_um, contact_um, normal, usable, min_distance_um, friction,
-                )  # fmt: skip
+                holds = _stable(field, _samples_at(field, grasp, arrive, 0))
                 back = 1
-                while holds and back <= interior[lower]:
-                    holds = _stable(
-                        _samples_at(grasp, lower, back, block, sample_of),
-                        centre_um, contact_um, normal, usable, min_distance_um, friction,
-                    )  # fmt: skip
+                while holds and back <= field.interior[lower]:
+                    holds = _stable(field, _samples_at(field, grasp, lower, back))
                     back += 1
                 if not holds:
                     continue
@@ -240,7 +206,7 @@ def _search(
                     continue
                 cost_of[new_key] = new_cost
                 parent_of[new_key] = key
-                left = cost_left_ndeg(
+                left = paper_estimate_ndeg(
                     grasp, goal, theta_ndeg[arrive], theta_ndeg[end], interchangeable
                 )
                 age -= 1
@@ -255,7 +221,7 @@ def _search(
                 continue
             for track in range(low, high):
                 new_grasp = with_finger(grasp, finger, track)
-                left = cost_left_ndeg(
+                left = paper_estimate_ndeg(
                     new_grasp, goal, theta_ndeg[orientation], theta_ndeg[end], interchangeable
                 )
                 if left - estimate != (stage - 1) * RECONFIGURATION_NDEG:
@@ -266,10 +232,7 @@ def _search(
                 new_cost = cost + RECONFIGURATION_NDEG
                 if new_key in cost_of and cost_of[new_key] <= new_cost:
                     continue
-                if not _stable(
-                    _samples_at(new_grasp, orientation, 0, block, sample_of),
-                    centre_um, contact_um, normal, usable, min_distance_um, friction,
-                ):  # fmt: skip
+                if not _stable(field, _samples_at(field, new_grasp, orientation, 0)):
                     continue
                 cost_of[new_key] = new_cost
                 parent_of[new_key] = key

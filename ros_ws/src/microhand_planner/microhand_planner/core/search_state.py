@@ -119,22 +119,14 @@ def sorted_grasp(grasp: Grasp) -> Grasp:  # pragma: no cover - compiled
 
 
 @nb.njit(cache=True)
-def cost_left_ndeg(
-    grasp: Grasp,
-    goal: Grasp,
-    theta_ndeg: int,
-    goal_theta_ndeg: int,
-    interchangeable: bool,
+def reconfigurations_left(
+    grasp: Grasp, goal: Grasp, interchangeable: bool
 ) -> int:  # pragma: no cover - compiled
-    """Return the heuristic of [Kumar2021] Eq. 13: never more than the cost that is left.
+    """Return the least number of placements and removals to the goal ([Kumar2021] Table 1).
 
-    Two fingers roll over the remaining angle, and a table tells the least number of
-    reconfigurations: a finger is on its goal's track (dp, Eq. 14-16), on another (ip),
-    used in one of the two grasps only (ar), or in neither (nu).
+    A finger is on its goal's track (dp, Eq. 14-16), on another (ip), used in one of the two
+    grasps only (ar), or in neither (nu).
     """
-    rolling = 2 * abs(theta_ndeg - goal_theta_ndeg)
-    if is_any(goal):
-        return rolling
     on_goal_track = 0
     in_one_only = 0
     placed = 0
@@ -148,10 +140,19 @@ def cost_left_ndeg(
         elif track >= 0 and track == goal[finger]:
             on_goal_track += 1
     if interchangeable:
-        left = _RECONFIGURATIONS_LEFT_OF_ANY[placed - 2, on_goal_track]
-    else:
-        left = _RECONFIGURATIONS_LEFT[in_one_only, on_goal_track]
-    return rolling + left * RECONFIGURATION_NDEG
+        return _RECONFIGURATIONS_LEFT_OF_ANY[placed - 2, on_goal_track]
+    return _RECONFIGURATIONS_LEFT[in_one_only, on_goal_track]
+
+
+@nb.njit(cache=True)
+def paper_estimate_ndeg(
+    grasp: Grasp, goal: Grasp, theta_ndeg: int, goal_theta_ndeg: int, interchangeable: bool
+) -> int:  # pragma: no cover - compiled
+    """Return the heuristic of [Kumar2021] Eq. 13: never more than the cost that is left."""
+    rolling = 2 * abs(theta_ndeg - goal_theta_ndeg)
+    if is_any(goal):
+        return rolling
+    return rolling + RECONFIGURATION_NDEG * reconfigurations_left(grasp, goal, interchangeable)
 
 
 @nb.njit(cache=True, inline='always')

@@ -5,11 +5,11 @@ With adhesion a grasp of three is stable exactly when its pairs are, so 'place k
 remove i' is never better than 'roll on two, place k, remove i'. What is left of the graph of
 [Kumar2021] §3.3 are grasps of two fingers, rolls, and *swaps* (place the free finger, remove one
 of the others; cost 360 deg). On them runs A* with the heuristic of [Kumar2021] Eq. 13, in integer
-costs, with ties broken by the smaller heuristic ([Kumar2021] §4) and then by the younger state.
+costs; ties are broken by the smaller heuristic ([Kumar2021] §4), then by the younger state.
 
-A state has some hundred swaps, nearly all of them dear. Their estimates differ from the state's
-own by 0, 360 or 720 deg, so a state is expanded in up to three stages, and waits in the queue
-between them at the estimate of what it has left to offer.
+A state has some hundred swaps, nearly all of them dear. Their estimates exceed the state's own by
+0, 360 or 720 deg; so a state is expanded in up to three stages, one for each, and waits in the
+queue in between at the estimate of what it has left to offer.
 """
 
 from __future__ import annotations
@@ -20,21 +20,19 @@ from collections.abc import Sequence
 import numba as nb
 import numpy as np
 
-from microhand_planner.core.grasp import tips_clear
 from microhand_planner.core.parameters import ContactLaw, Finger
-from microhand_planner.core.pose import FloatArray
-from microhand_planner.core.removal import grip_window_uN
-from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
+from microhand_planner.core.rotation_lattice import IntArray, RotationLattice
+from microhand_planner.core.search_field import SearchField, clear_of, lets_go, rolls, search_field
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
 from microhand_planner.core.search_state import (
     ABSENT,
     RECONFIGURATION_NDEG,
     Grasp,
-    cost_left_ndeg,
     goal_tracks,
     is_any,
     named_fingers,
     pack,
+    paper_estimate_ndeg,
     sorted_grasp,
     trace_back,
     unpack,
@@ -88,18 +86,7 @@ def swap_search(
     """
     begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
     outcome, cost, keys, expanded = _search(
-        lattice.sample_of,
-        lattice.theta_ndeg,
-        lattice.interior,
-        lattice.block,
-        lattice.centre_um,
-        lattice.contact_um,
-        lattice.normal,
-        lattice.usable,
-        finger.min_distance_um,
-        law.friction,
-        law.stick_uN,
-        law.max_force_uN,
+        search_field(lattice, finger, law),
         np.asarray(starts, dtype=np.int64).reshape(-1, 3),
         begin,
         sorted_grasp(goal) if interchangeable else goal,
@@ -124,81 +111,9 @@ def _free_finger(grasp: Grasp) -> int:  # pragma: no cover - compiled
     return 1 if grasp[1] < 0 else 2
 
 
-@nb.njit(cache=True)
-def _rolls(
-    first: int,
-    second: int,
-    lower: int,
-    arrive: int,
-    sample_of: IntArray,
-    interior: IntArray,
-    block: int,
-    centre_um: FloatArray,
-    usable: BoolArray,
-    min_distance_um: float,
-) -> bool:  # pragma: no cover - compiled
-    """Return whether two tracks stay a grasp between orientation `lower` and the next.
-
-    The orientation they come from is known to be good; `arrive` is the other one.
-    """
-    one = sample_of[first, arrive]
-    two = sample_of[second, arrive]
-    if not (usable[one] and usable[two]):
-        return False
-    if not tips_clear(centre_um[one], centre_um[two], min_distance_um):
-        return False
-    one = sample_of[first, lower]
-    two = sample_of[second, lower]
-    one_block = one - one % block
-    two_block = two - two % block
-    for back in range(1, interior[lower] + 1):
-        here = one_block + (one - one_block - back) % block
-        there = two_block + (two - two_block - back) % block
-        if not (usable[here] and usable[there]):
-            return False
-        if not tips_clear(centre_um[here], centre_um[there], min_distance_um):
-            return False
-    return True
-
-
-@nb.njit(cache=True)
-def _lets_go(
-    stay: int,
-    keep: int,
-    leave: int,
-    contact_um: FloatArray,
-    normal: FloatArray,
-    friction: float,
-    pull_off_uN: float,
-    max_force_uN: float,
-) -> bool:  # pragma: no cover - compiled
-    """Return whether fingers on the samples `stay` and `keep` hold while `leave` is removed."""
-    both_um = np.zeros((2, 2))
-    both_normal = np.zeros((2, 2))
-    both_um[0] = contact_um[stay]
-    both_um[1] = contact_um[keep]
-    both_normal[0] = normal[stay]
-    both_normal[1] = normal[keep]
-    low, high = grip_window_uN(
-        both_um, both_normal, contact_um[leave], normal[leave], friction, pull_off_uN, max_force_uN
-    )
-    return low <= high
-
-
 @nb.njit(cache=True, nogil=True)
 def _search(
-    sample_of: IntArray,
-    theta_ndeg: IntArray,
-    interior: IntArray,
-    block: int,
-    centre_um: FloatArray,
-    contact_um: FloatArray,
-    normal: FloatArray,
-    usable: BoolArray,
-    min_distance_um: float,
-    friction: float,
-    pull_off_uN: float,
-    max_force_uN: float,
+    field: SearchField,
     starts: IntArray,
     begin: int,
     goal: Grasp,
@@ -209,11 +124,11 @@ def _search(
     interrupt: IntArray,
 ) -> tuple[int, int, IntArray, int]:  # pragma: no cover - compiled
     """Run A*; see `swap_search`. Returns outcome, cost, packed states of the path, expansions."""
-    tracks, orientations = sample_of.shape
+    tracks, orientations = field.sample_of.shape
     nothing = np.zeros(0, dtype=np.int64)
     first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
-    start_total = cost_left_ndeg(
-        first_start, goal, theta_ndeg[begin], theta_ndeg[end], interchangeable
+    start_total = paper_estimate_ndeg(
+        first_start, goal, field.theta_ndeg[begin], field.theta_ndeg[end], interchangeable
     )
     cost_of = {pack(first_start, begin, tracks, orientations): 0}
     parent_of = {pack(first_start, begin, tracks, orientations): 0}
@@ -232,13 +147,9 @@ def _search(
             if interchangeable:
                 grasp = sorted_grasp(grasp)
             free = _free_finger(grasp)
-            one = sample_of[grasp[(free + 1) % 3], begin]
-            two = sample_of[grasp[(free + 2) % 3], begin]
-            if (
-                usable[one]
-                and usable[two]
-                and tips_clear(centre_um[one], centre_um[two], min_distance_um)
-            ):
+            one = field.sample_of[grasp[(free + 1) % 3], begin]
+            two = field.sample_of[grasp[(free + 2) % 3], begin]
+            if field.usable[one] and field.usable[two] and clear_of(field, one, two):
                 key = pack(grasp, begin, tracks, orientations)
                 cost_of[key] = 0
                 parent_of[key] = key
@@ -266,27 +177,26 @@ def _search(
             for arrive in (orientation - 1, orientation + 1):
                 if arrive < 0 or arrive >= orientations:
                     continue
-                if not _rolls(
-                    grasp[first], grasp[second], min(orientation, arrive), arrive,
-                    sample_of, interior, block, centre_um, usable, min_distance_um,
-                ):  # fmt: skip
+                lower = min(orientation, arrive)
+                if not rolls(field, grasp[first], grasp[second], lower, arrive):
                     continue
-                new_cost = cost + 2 * abs(theta_ndeg[arrive] - theta_ndeg[orientation])
+                turn = abs(field.theta_ndeg[arrive] - field.theta_ndeg[orientation])
+                new_cost = cost + 2 * turn
                 new_key = pack(grasp, arrive, tracks, orientations)
                 if new_key in cost_of and cost_of[new_key] <= new_cost:
                     continue
                 cost_of[new_key] = new_cost
                 parent_of[new_key] = key
-                left = cost_left_ndeg(
-                    grasp, goal, theta_ndeg[arrive], theta_ndeg[end], interchangeable
+                left = paper_estimate_ndeg(
+                    grasp, goal, field.theta_ndeg[arrive], field.theta_ndeg[end], interchangeable
                 )
                 age -= 1
                 heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
 
         for leave in (first, second):
             stay = first + second - leave
-            stay_sample = sample_of[grasp[stay], orientation]
-            leave_sample = sample_of[grasp[leave], orientation]
+            stay_sample = field.sample_of[grasp[stay], orientation]
+            leave_sample = field.sample_of[grasp[leave], orientation]
             without = with_finger(grasp, leave, ABSENT)
             # the estimate depends on the new track only through 'is it a goal track', so all
             # others are tried together; `tracks` stands for any of them
@@ -294,32 +204,28 @@ def _search(
             for target in (tracks, targets[0], targets[1]):
                 if target < 0:
                     continue
-                low, high = (0, tracks) if target == tracks else (target, target + 1)
-                example = with_finger(without, free, target)
-                left = cost_left_ndeg(
-                    example, goal, theta_ndeg[orientation], theta_ndeg[end], interchangeable
-                )
+                left = paper_estimate_ndeg(
+                    with_finger(without, free, target), goal,
+                    field.theta_ndeg[orientation], field.theta_ndeg[end], interchangeable,
+                )  # fmt: skip
                 if left - estimate != (stage - 1) * _SWAP_NDEG:
                     continue
+                low, high = (0, tracks) if target == tracks else (target, target + 1)
                 for track in range(low, high):
                     if target == tracks and (track == targets[0] or track == targets[1]):
                         continue
-                    new_sample = sample_of[track, orientation]
-                    new_um = centre_um[new_sample]
+                    sample = field.sample_of[track, orientation]
                     if not (
-                        usable[new_sample]
-                        and tips_clear(centre_um[stay_sample], new_um, min_distance_um)
-                        and tips_clear(centre_um[leave_sample], new_um, min_distance_um)
+                        field.usable[sample]
+                        and clear_of(field, stay_sample, sample)
+                        and clear_of(field, leave_sample, sample)
                     ):
                         continue
                     # backward in time, the finger that appears here is the one that was removed
-                    keep, go = new_sample, leave_sample
+                    keep, go = sample, leave_sample
                     if reverse:
                         keep, go = go, keep
-                    if not _lets_go(
-                        stay_sample, keep, go, contact_um, normal,
-                        friction, pull_off_uN, max_force_uN,
-                    ):  # fmt: skip
+                    if not lets_go(field, stay_sample, keep, go):
                         continue
                     new_grasp = with_finger(without, free, track)
                     if interchangeable:

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The planar problem as the compiled searches see it, and the moves that it allows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+
+from microhand_planner.core.grasp import tips_clear
+from microhand_planner.core.parameters import ContactLaw, Finger
+from microhand_planner.core.pose import FloatArray
+from microhand_planner.core.removal import grip_window_uN
+from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
+
+
+class SearchField(NamedTuple):
+    """The arrays of a `RotationLattice` and the numbers of finger and contact law, for numba."""
+
+    sample_of: IntArray
+    theta_ndeg: IntArray
+    interior: IntArray
+    block: int
+    centre_um: FloatArray
+    contact_um: FloatArray
+    normal: FloatArray
+    usable: BoolArray
+    min_distance_um: float
+    friction: float
+    pull_off_uN: float
+    max_force_uN: float
+
+
+def search_field(lattice: RotationLattice, finger: Finger, law: ContactLaw) -> SearchField:
+    """Return what the compiled searches need to know."""
+    return SearchField(
+        lattice.sample_of,
+        lattice.theta_ndeg,
+        lattice.interior,
+        lattice.block,
+        lattice.centre_um,
+        lattice.contact_um,
+        lattice.normal,
+        lattice.usable,
+        finger.min_distance_um,
+        law.friction,
+        law.stick_uN,
+        law.max_force_uN,
+    )
+
+
+@nb.njit(cache=True, inline='always')
+def clear_of(field: SearchField, sample: int, other: int) -> bool:  # pragma: no cover - compiled
+    """Return whether tips may stand on two samples at once."""
+    return tips_clear(field.centre_um[sample], field.centre_um[other], field.min_distance_um)
+
+
+@nb.njit(cache=True)
+def rolls(
+    field: SearchField, first: int, second: int, lower: int, arrive: int
+) -> bool:  # pragma: no cover - compiled
+    """Return whether two tracks stay a grasp between orientation `lower` and the next.
+
+    The orientation that they come from is known to be good; `arrive` is the other one.
+    """
+    one = field.sample_of[first, arrive]
+    two = field.sample_of[second, arrive]
+    if not (field.usable[one] and field.usable[two] and clear_of(field, one, two)):
+        return False
+    one = field.sample_of[first, lower]
+    two = field.sample_of[second, lower]
+    one_block = one - one % field.block
+    two_block = two - two % field.block
+    for back in range(1, field.interior[lower] + 1):
+        here = one_block + (one - one_block - back) % field.block
+        there = two_block + (two - two_block - back) % field.block
+        if not (field.usable[here] and field.usable[there] and clear_of(field, here, there)):
+            return False
+    return True
+
+
+@nb.njit(cache=True)
+def lets_go(
+    field: SearchField, stay: int, keep: int, leave: int
+) -> bool:  # pragma: no cover - compiled
+    """Return whether fingers on the samples `stay` and `keep` hold while `leave` is removed."""
+    both_um = np.zeros((2, 2))
+    both_normal = np.zeros((2, 2))
+    both_um[0] = field.contact_um[stay]
+    both_um[1] = field.contact_um[keep]
+    both_normal[0] = field.normal[stay]
+    both_normal[1] = field.normal[keep]
+    low, high = grip_window_uN(
+        both_um,
+        both_normal,
+        field.contact_um[leave],
+        field.normal[leave],
+        field.friction,
+        field.pull_off_uN,
+        field.max_force_uN,
+    )
+    return low <= high

@@ -18,7 +18,7 @@ def arc_spline(
 
     A span is two arcs that meet with a common tangent half way (the biarc with equal tangent
     lengths, [Bolton1975]); a corner (equal points) and a straight edge (normals at right angles
-    to the chord) stay as they are. For a smooth curve the error is of fourth order in the span.
+    to the chord) stay as they are. For a smooth curve the error is of third order in the span.
 
     Parameters
     ----------

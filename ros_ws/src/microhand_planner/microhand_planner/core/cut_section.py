@@ -64,11 +64,10 @@ def cut_section(part: Part, plane: Plane) -> Section:
             'an origin inside the object, for instance with the frame principal_axes',
         )
     loop = max(around, key=_area_um2)
-    others_um = tuple(other.points_um for other in loops if other is not loop)
     # Rounding can make the flanks of a needle cross: then the facets are taken as they are.
     for outline in (smooth_outline, polygon_outline):
         try:
-            section = _section(plane, loop, outline, others_um)
+            section = _section(plane, loop, outline, len(loops) - 1)
         except ValueError:
             continue
         arcs = moving_arcs(section.arcs, 0.0)
@@ -85,7 +84,7 @@ def _section(
     plane: Plane,
     loop: MeshLoop,
     outline: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
-    others_um: tuple[FloatArray, ...],
+    ignored_loops: int,
 ) -> Section:
     """Turn a loop into a section, with an outline that `outline` makes of its points."""
     outline_um, outline_angle, source = outline(loop.points_um)
@@ -99,7 +98,7 @@ def _section(
         angles,
         out_of_plane_sin=slope,
         facet_gap_um=loop.facet_gap_um + _largest_gap_um(outline_um, source, loop.points_um),
-        other_loops_um=others_um,
+        ignored_loops=ignored_loops,
     )
 
 

@@ -3,7 +3,8 @@
 
 A facet lies inside a curved solid by up to h²/8R (edge h, radius R). So a point where the plane
 crosses an edge is moved onto the curved edge that has the surface normals of both its ends (the
-edge of a PN triangle, [Vlachos2001]). At creases, and on plane facets, nothing moves.
+edge of a PN triangle, [Vlachos2001]). At creases nothing moves; within a plane face, where two
+facets meet without a fold, there is no point at all.
 """
 
 from __future__ import annotations
@@ -24,8 +25,12 @@ IntArray = NDArray[np.int64]
 
 ON_PLANE = 1e-6
 """Vertices nearer to the plane, relative to the size, count as on it (float32 noise)."""
+COPLANAR_COS = math.cos(3e-4)
+"""Faces that differ less are one plane face; the edge between them is no feature (float32)."""
+CREASE_COS = math.cos(math.radians(20.0) + 1e-6)
+"""Faces that differ more meet in a crease."""
 SMOOTH_COS = math.cos(math.radians(40.0))
-"""Faces that differ less from an edge's normal belong to the same smooth surface."""
+"""Faces that differ less from an edge's normal are of the same smooth surface."""
 STEEPEST_SIN = 0.35
 """An edge that leaves the tangent plane of its end more steeply is no part of a smooth surface."""
 RULED_SHARE = 0.5
@@ -85,10 +90,17 @@ def cut_mesh(part: Part, plane: Plane) -> list[MeshLoop]:
             'an origin inside the object, for instance with the frame principal_axes',
         )
     edges, loops = _crossed_edges(part.faces, height_um >= 0.0)
-    points_um, moved_um, normals, share = _on_surface(part, plane, height_um, edges)
+    upper, lower, before, after = edges
+    normal_before, normal_after = _face_normals(part, before), _face_normals(part, after)
+    fold_cos = np.einsum('ij,ij->i', normal_before, normal_after)
+    points_um, moved_um, normals, share = _on_surface(
+        part, plane, height_um, upper, lower, _unit(normal_before + normal_after), fold_cos
+    )
     result = []
     for loop in loops:
-        keep = loop[_one_of_each_cluster(share[loop], edges[0][loop], edges[1][loop])]
+        folded = loop[fold_cos[loop] < COPLANAR_COS]
+        keep = folded if len(folded) >= 3 else loop
+        keep = keep[_one_of_each_cluster(share[keep], upper[keep], lower[keep])]
         result.append(
             MeshLoop(
                 plane.to_plane(points_um[keep]),
@@ -144,7 +156,10 @@ def _on_surface(
     part: Part,
     plane: Plane,
     height_um: FloatArray,
-    edges: tuple[IntArray, IntArray, IntArray, IntArray],
+    upper: IntArray,
+    lower: IntArray,
+    edge_normal: FloatArray,
+    fold_cos: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Put crossed edges' points on the smooth surface.
 
@@ -159,9 +174,6 @@ def _on_surface(
     share : (k,) array
         Where on the edge, 0 at its upper vertex, 1 at its lower.
     """
-    upper, lower, before, after = edges
-    face_normals = _face_normals(part, np.concatenate([before, after])).reshape(2, -1, 3)
-    edge_normal = _unit(face_normals.sum(axis=0))
     near_upper, wide_upper = _vertex_normals(part, upper, edge_normal)
     near_lower, wide_lower = _vertex_normals(part, lower, edge_normal)
 
@@ -172,8 +184,8 @@ def _on_surface(
     bulge_um = rise_lower - rise_upper
     wide_bulge_um = np.einsum('ij,ij->i', edge_um, wide_lower - wide_upper)
     steepest = np.maximum(np.abs(rise_upper), np.abs(rise_lower))
-    sharp = steepest > STEEPEST_SIN * np.linalg.norm(edge_um, axis=1)
-    sharp |= np.einsum('ij,ij->i', face_normals[0], face_normals[1]) < SMOOTH_COS
+    sharp = fold_cos < CREASE_COS
+    sharp |= steepest > STEEPEST_SIN * np.linalg.norm(edge_um, axis=1)
     sharp |= wide_bulge_um * bulge_um < RULED_SHARE * bulge_um**2
     bow_upper = np.where(sharp, 0.0, -rise_upper)[:, None] * near_upper
     bow_lower = np.where(sharp, 0.0, rise_lower)[:, None] * near_lower

@@ -163,9 +163,11 @@ def offset_curve(
     turns from one side to the other at a kink, and the outline in between is unreachable. A
     cavity whose mouth is too narrow in the plane counts as unreachable.
 
-    Phases are blocked where the surface leans out of the plane by more than a tolerance, where
-    the tip stands in another piece of the solid, and, with `part`, where it goes deeper than
-    0.001 r plus twice the facet gap into the solid anywhere, above or below the plane.
+    Phases are blocked where the surface leans out of the plane by more than a tolerance and, with
+    `part`, where the tip goes deeper than 0.001 r plus twice the facet gap into the solid
+    anywhere: above or below the plane, or in a piece that is not part of the outline. (Such a
+    piece cannot swallow the tip unnoticed: between the tip's centre in it and the contact outside
+    it lies its surface.)
 
     Parameters
     ----------
@@ -221,7 +223,6 @@ def offset_curve(
         lean = arcs.out_of_plane_sin[row] + fraction * arcs.out_of_plane_rise[row]
         blocked = lean > max_out_of_plane_sin
         centre_um = curve.at(phase_rad).centre_um
-        blocked |= _inside_odd_loops(centre_um, section.other_loops_um)
         if part is not None:
             in_object_um = section.plane.to_object(centre_um)
             blocked |= distance_to_part(in_object_um, part, radius) < radius - deepest_um
@@ -286,16 +287,3 @@ def _start_at_joint_i(arcs: ArcChain, radius_um: float, plane: Plane) -> tuple[A
     keep = (last - first) * length_um[rows] > 1e-12 * length_um.sum()
     turned = arcs.clip(rows[keep], first[keep], last[keep])
     return turned, float((joint_j_um - start_um) % length_um.sum())
-
-
-def _inside_odd_loops(points_um: FloatArray, loops_um: tuple[FloatArray, ...]) -> BoolArray:
-    """Tell which points (k, 2) are inside material, by crossings of a ray to the right."""
-    inside = np.zeros(len(points_um), dtype=np.bool_)
-    u, v = points_um[:, :1], points_um[:, 1:]
-    for loop in loops_um:
-        (u0, v0), (u1, v1) = loop.T, np.roll(loop, -1, axis=0).T
-        spans = (v0 <= v) != (v1 <= v)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            meets = u0 + (v - v0) / (v1 - v0) * (u1 - u0)
-        inside ^= (spans & (meets > u)).sum(axis=1) % 2 == 1
-    return inside

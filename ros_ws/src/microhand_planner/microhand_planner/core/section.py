@@ -100,8 +100,8 @@ class Section:
         Sine of the angle between the surface normal of the solid and the plane; 0 if not given.
     facet_gap_um : float
         Largest distance between this outline and the facets that it smooths [µm].
-    other_loops_um : tuple of (k, 2) arrays
-        Further loops in which the plane meets the solid, left out of the outline.
+    ignored_loops : int
+        Further loops in which the plane meets the solid, left out.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class Section:
     normal_angle_rad: FloatArray
     out_of_plane_sin: FloatArray = field(default_factory=lambda: np.zeros(0))
     facet_gap_um: float = 0.0
-    other_loops_um: tuple[FloatArray, ...] = ()
+    ignored_loops: int = 0
     arc_length_um: FloatArray = field(init=False)
     turn_rad: FloatArray = field(init=False)
 
@@ -148,7 +148,6 @@ class Section:
             ('out_of_plane_sin', slopes),
             ('arc_length_um', frozen_array(length)),
             ('turn_rad', frozen_array(turn)),
-            ('other_loops_um', tuple(frozen_array(loop) for loop in self.other_loops_um)),
         ):
             object.__setattr__(self, name, values)
 
@@ -169,11 +168,6 @@ class Section:
             slope,
             np.roll(slope, -1) - slope,
         )
-
-    @property
-    def ignored_loops(self) -> int:
-        """Number of loops that are not part of the outline."""
-        return len(self.other_loops_um)
 
     @property
     def is_convex(self) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import signal
 import subprocess
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +19,11 @@ from microhand_msgs_py.msg import ErrorCode, SetpointChunk, StageState
 from numpy.typing import NDArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import Node
 
-from stage_driver_sim import qos
+from stage_driver_sim import driver_node, qos
 
 if TYPE_CHECKING:
     from tests.stage.conftest import DriverClient
@@ -33,7 +37,8 @@ OMEGA = 2.0 * math.pi * 0.5
 DEADLINE_S = 15.0
 
 MakeChunk = Callable[..., SetpointChunk]
-MakeDriver = Callable[..., subprocess.Popen[str]]
+StartDriver = Callable[..., 'subprocess.Popen[str]']
+MakeClient = Callable[[str], 'DriverClient']
 
 
 def xyz(point: Point) -> NDArray[np.float64]:
@@ -72,10 +77,7 @@ def test_two_seconds_of_a_sine_are_followed(active: DriverClient, make_chunk: Ma
             )
         )
     active.wait(lambda: active.state.received == count, 'all setpoints')
-    active.wait(
-        lambda: active.state.mode == StageState.HOLDING and active.state.on_target, 'the end'
-    )
-    end = active.state
+    end = active.wait_rest()
     assert (end.stream, end.underruns, end.error_code) == (1, 0, 0)
     np.testing.assert_allclose(xyz(end.command), wanted_m[-1], atol=1e-12)
     np.testing.assert_allclose(xyz(end.position), wanted_m[-1], atol=20e-9)
@@ -91,13 +93,14 @@ def test_two_seconds_of_a_sine_are_followed(active: DriverClient, make_chunk: Ma
     positions_m = np.array([xyz(state.position) for state in moving])[within]
     np.testing.assert_allclose(commands_m, sine_m(begin_m, since_s), atol=0.2e-9)
 
-    # The lag of the loop is 2z/w = 1.49 ms, that of the 1 kHz staircase 0.5 ms, noise is 1 nm.
+    # The lag of the loop is 2z/w = 1.49 ms, that of the 1 kHz staircase 0.5 to 1 ms. A busy machine
+    # delays ticks, never the lag of those on time: hence not the median.
     velocity_m_s = AMPLITUDE_M * OMEGA * np.cos(OMEGA * since_s)
     fast = np.abs(velocity_m_s) > 0.5 * AMPLITUDE_M * OMEGA
     lag_s = ((commands_m - positions_m)[:, 0] / velocity_m_s)[fast]
-    assert 0.0015 < np.median(lag_s) < 0.003
-    # Even a tick that a busy machine delays by 50 ms leaves the stage on the path, only late.
-    assert np.abs(commands_m - positions_m).max() < AMPLITUDE_M * OMEGA * 0.05 + 10e-9
+    assert 0.0015 < np.percentile(lag_s, 10.0) < 0.003
+    # A tick that comes 100 ms late finds the stage on its path, only late.
+    assert np.abs(commands_m - positions_m).max() < AMPLITUDE_M * OMEGA * 0.1
 
 
 @pytest.mark.parametrize(
@@ -137,9 +140,10 @@ def test_a_bad_chunk_is_a_fault_and_nothing_moves(
     assert state.error_code == code
     assert text in state.error_msg
     assert state.received == 0
-    active.wait(lambda: bool(active.events), 'an event')
-    assert (active.events[-1].error_code, active.events[-1].text) == (code, state.error_msg)
-    assert active.events[-1].source.endswith('/finger_2/stage_driver')
+    active.wait(lambda: code in [event.error_code for event in active.events], 'an event')
+    event = next(event for event in active.events if event.error_code == code)
+    assert event.text == state.error_msg
+    assert event.source.endswith('/finger_2/stage_driver')
 
     refused_at = len(active.states)
     active.wait(lambda: len(active.states) > refused_at + 60, 'further states')
@@ -156,7 +160,7 @@ def test_a_gap_in_mid_stream_brakes_and_holds(active: DriverClient, make_chunk: 
     """A lost chunk ends the motion where it is; the rest of the stream is not executed."""
     begin_m = xyz(active.state.command)
     begin_ns = active.now_ns() + LEAD_NS
-    wanted_m = sine_m(begin_m, PERIOD_S * np.arange(400))
+    wanted_m = sine_m(begin_m, PERIOD_S * np.arange(2100))
 
     def send(first: int, count: int) -> None:
         active.setpoints.publish(
@@ -169,15 +173,15 @@ def test_a_gap_in_mid_stream_brakes_and_holds(active: DriverClient, make_chunk: 
             )
         )
 
-    send(0, 200)
+    send(0, 2000)
     active.wait(lambda: xyz(active.state.command)[0] > begin_m[0] + 1e-6, 'motion')
-    send(220, 20)
+    send(2020, 20)
     state = active.wait_mode(StageState.FAULT)
-    assert 'goes on with setpoint 220; allowed: 200' in state.error_msg
-    stopped_m = xyz(state.command)
-    active.wait(lambda: active.now_ns() > begin_ns + 500 * PERIOD_NS, 'the end of the stream')
-    np.testing.assert_allclose(xyz(active.state.command), stopped_m, atol=50e-9)
-    assert np.linalg.norm(stopped_m - wanted_m[-1]) > 1e-6
+    assert 'goes on with setpoint 2020; allowed: 2000' in state.error_msg
+    # In a fifth of a second the sine would have moved on by a micron at least.
+    active.wait_state(lambda later: stamp_ns(later) > stamp_ns(state) + 2 * 10**8, 'later')
+    for later in active.states_measured_since(stamp_ns(state)):
+        np.testing.assert_allclose(xyz(later.command), xyz(state.command), atol=5e-9)
 
 
 def test_a_stream_that_runs_dry_is_held_and_counted(
@@ -214,7 +218,7 @@ def test_stop_home_servo_and_limits(active: DriverClient, make_chunk: MakeChunk)
     assert refused.error_code == ErrorCode.NOT_ALLOWED
     assert active.call('stop').error_code == ErrorCode.SUCCESS
     active.wait_mode(StageState.STOPPED)
-    active.wait(lambda: active.state.on_target, 'rest')
+    active.wait_state(lambda state: state.on_target, 'rest')
     assert xyz(active.state.position)[0] > begin_m[0] + 0.9e-6
     refused = active.call('home')
     assert refused.error_code == ErrorCode.NOT_ALLOWED
@@ -222,7 +226,7 @@ def test_stop_home_servo_and_limits(active: DriverClient, make_chunk: MakeChunk)
     assert active.call('reset').error_code == ErrorCode.SUCCESS
 
     assert active.call('home').error_code == ErrorCode.SUCCESS
-    active.wait(lambda: active.state.mode == StageState.HOLDING and active.state.on_target, 'home')
+    active.wait_rest()
     np.testing.assert_allclose(xyz(active.state.position), 50e-6, atol=20e-9)
 
     assert active.call('set_servo', enabled=False).error_code == ErrorCode.SUCCESS
@@ -231,28 +235,57 @@ def test_stop_home_servo_and_limits(active: DriverClient, make_chunk: MakeChunk)
     active.wait_mode(StageState.HOLDING)
 
 
-def test_lifecycle_of_the_driver(make_driver: MakeDriver, client: DriverClient) -> None:
+def test_lifecycle_of_the_driver(unconfigured: DriverClient) -> None:
     """Inactive it publishes nothing and answers STAGE_MISSING; it can be activated again."""
-    make_driver()
-    client.wait_matched()
-    assert client.call('get_limits').error_code == ErrorCode.STAGE_MISSING
-    assert client.call('stop').error_code == ErrorCode.STAGE_MISSING
-    assert not client.states
-    client.activate()
-    assert client.state.header.frame_id == 'finger_2_base'
-    assert abs(stamp_ns(client.state) - client.now_ns()) < 10**9
-    assert client.transition(Transition.TRANSITION_DEACTIVATE)
-    refused = client.call('home')
+    begin_ns = unconfigured.now_ns()
+    assert unconfigured.call('get_limits').error_code == ErrorCode.STAGE_MISSING
+    assert unconfigured.call('stop').error_code == ErrorCode.STAGE_MISSING
+    assert not unconfigured.states_measured_since(begin_ns)
+    unconfigured.activate()
+    assert unconfigured.state.header.frame_id == 'finger_2_base'
+    assert abs(stamp_ns(unconfigured.state) - unconfigured.now_ns()) < 10**9
+    assert unconfigured.transition(Transition.TRANSITION_DEACTIVATE)
+    refused = unconfigured.call('home')
     assert refused.error_code == ErrorCode.STAGE_MISSING
     assert refused.error_msg.endswith('/finger_2/stage_driver is not active')
-    client.states.clear()
-    assert client.call('get_limits').error_code == ErrorCode.SUCCESS
-    assert not client.states
-    assert client.transition(Transition.TRANSITION_ACTIVATE)
-    client.wait(lambda: bool(client.states) and client.state.on_target, 'states again')
-    assert client.transition(Transition.TRANSITION_DEACTIVATE)
-    assert client.transition(Transition.TRANSITION_CLEANUP)
-    assert client.call('get_limits').error_code == ErrorCode.STAGE_MISSING
+    silent_ns = unconfigured.now_ns()
+    assert unconfigured.call('get_limits').error_code == ErrorCode.SUCCESS
+    unconfigured.wait(lambda: unconfigured.now_ns() > silent_ns + 10**8, '20 periods of silence')
+    assert not unconfigured.states_measured_since(silent_ns)
+    assert unconfigured.transition(Transition.TRANSITION_ACTIVATE)
+    unconfigured.wait_rest()
+    assert unconfigured.transition(Transition.TRANSITION_DEACTIVATE)
+    assert unconfigured.transition(Transition.TRANSITION_CLEANUP)
+    assert unconfigured.call('get_limits').error_code == ErrorCode.STAGE_MISSING
+
+
+def test_a_transition_that_does_not_exist_is_refused_and_survived(active: DriverClient) -> None:
+    """Configuring an active driver, or an invented transition, fails; streaming stays possible."""
+    assert not active.transition(Transition.TRANSITION_CONFIGURE)
+    assert not active.transition(77)
+    seen = len(active.states)
+    active.wait(lambda: len(active.states) > seen + 10, 'further states')
+    assert active.state.mode == StageState.HOLDING
+
+
+def test_a_transition_that_breaks_leaves_a_driver_that_can_be_configured(
+    monkeypatch: pytest.MonkeyPatch, node: tuple[Node, SingleThreadedExecutor]
+) -> None:
+    """A defect in `configure` ends in the log and in state unconfigured, not in a dead node."""
+    monkeypatch.setattr(driver_node, '_power_up', lambda parameters: 1 / 0)
+    driver = driver_node.StageDriverNode(context=node[0].context)
+    log: list[str] = []
+    monkeypatch.setattr(driver.get_logger(), 'fatal', log.append)
+    try:
+        assert driver.trigger_configure() is TransitionCallbackReturn.ERROR
+        assert 'ZeroDivisionError' in log[0]
+        monkeypatch.undo()
+        assert driver.trigger_configure() is TransitionCallbackReturn.SUCCESS
+        assert driver.trigger_activate() is TransitionCallbackReturn.SUCCESS
+    finally:
+        driver.destroy_node()
+    assert 'control loop' not in [thread.name for thread in threading.enumerate()]
+    assert 'reporter' not in [thread.name for thread in threading.enumerate()]
 
 
 def test_diagnostics_name_the_hardware_and_the_fault(
@@ -283,13 +316,15 @@ def test_diagnostics_name_the_hardware_and_the_fault(
 
 
 def test_parameters_take_integers_and_refuse_nonsense(
-    make_driver: MakeDriver, client: DriverClient, station: str
+    start_driver: StartDriver, make_client: MakeClient, station: str
 ) -> None:
     """Integers count as numbers; what is out of range is refused, the range in the reason."""
-    make_driver(
+    start_driver(
+        station,
         *('-p', 'damping_ratio:=1', '-p', 'natural_frequency:=[200, 200, 100]'),
         *('-p', 'home:=[0, 0, 0]', '-p', 'travel_upper:=[80.0e-6, 80.0e-6, 80.0e-6]'),
     )
+    client = make_client(station)
     client.wait_matched()
     set_parameters = client.node.create_client(
         SetParameters, f'{station}/finger_2/stage_driver/set_parameters'
@@ -328,10 +363,10 @@ def test_parameters_take_integers_and_refuse_nonsense(
     ],
 )
 def test_a_parameter_out_of_range_ends_the_start_in_one_line(
-    make_driver: MakeDriver, argument: str, text: str
+    start_driver: StartDriver, station: str, argument: str, text: str
 ) -> None:
     """A refused parameter gives one line on stderr and exit status 2."""
-    process = make_driver('-p', argument)
+    process = start_driver(station, '-p', argument)
     _, complaints = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 2
     assert text in complaints
@@ -339,10 +374,11 @@ def test_a_parameter_out_of_range_ends_the_start_in_one_line(
 
 
 def test_contradicting_parameters_are_refused_at_configure(
-    make_driver: MakeDriver, client: DriverClient
+    start_driver: StartDriver, make_client: MakeClient, station: str
 ) -> None:
     """A home outside the travel fails `configure` with a reason in the log; the node stays up."""
-    process = make_driver('-p', 'travel_upper:=[40.0e-6, 100.0e-6, 100.0e-6]')
+    process = start_driver(station, '-p', 'travel_upper:=[40.0e-6, 100.0e-6, 100.0e-6]')
+    client = make_client(station)
     client.wait_matched()
     assert not client.transition(Transition.TRANSITION_CONFIGURE)
     assert client.call('get_limits').error_code == ErrorCode.STAGE_MISSING
@@ -353,10 +389,15 @@ def test_contradicting_parameters_are_refused_at_configure(
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_in_motion_ends_the_process_cleanly(
-    make_driver: MakeDriver, client: DriverClient, make_chunk: MakeChunk, number: int
+    start_driver: StartDriver,
+    make_client: MakeClient,
+    make_chunk: MakeChunk,
+    station: str,
+    number: int,
 ) -> None:
     """In the middle of a stream: exit status 0, nothing on stderr, no thread keeps it alive."""
-    process = make_driver()
+    process = start_driver(station)
+    client = make_client(station)
     client.wait_matched()
     client.activate()
     wanted_m = sine_m(xyz(client.state.command), PERIOD_S * np.arange(2000))

@@ -12,14 +12,14 @@ import time
 import traceback
 from collections.abc import Callable
 from functools import partial, wraps
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk, StageState
 from microhand_msgs_py.srv import Command, GetStageLimits, SetServo
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.timer import Timer
 
 from stage_driver_sim import qos
 from stage_driver_sim.control_loop import ControlLoop, LoopTiming
@@ -39,6 +39,7 @@ from stage_driver_sim.driver_parameters import (
 )
 from stage_driver_sim.errors import StageError
 from stage_driver_sim.protocol import Stage
+from stage_driver_sim.reporter import Reporter
 from stage_driver_sim.run_node import run_node
 from stage_driver_sim.simulated_stage import SimulatedStage
 
@@ -48,10 +49,10 @@ SWITCH_INTERVAL_S = 0.0005
 
 Response = TypeVar('Response', Command.Response, SetServo.Response)
 
-Transition = Callable[['StageDriverNode', LifecycleState], TransitionCallbackReturn]
+TransitionCallback = Callable[['StageDriverNode', LifecycleState], TransitionCallbackReturn]
 
 
-def _logged(transition: Transition) -> Transition:
+def _logged(transition: TransitionCallback) -> TransitionCallback:
     """Log what breaks a transition: rclpy turns every exception into a bare ERROR."""
 
     @wraps(transition)
@@ -66,16 +67,22 @@ def _logged(transition: Transition) -> Transition:
 
 
 class StageDriverNode(LifecycleNode):
-    """Driver of one stage."""
+    """Driver of one stage.
 
-    def __init__(self) -> None:
-        super().__init__('stage_driver')
+    Parameters
+    ----------
+    node_options
+        Passed on to `LifecycleNode`, e.g. ``context``.
+    """
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('stage_driver', **node_options)
         declare_parameters(self)
         self._configured: DriverParameters | None = None
         self._stage: Stage | None = None
         self._loop: ControlLoop | None = None
         self._clock_map = ClockMap(0)
-        self._state_timer: Timer | None = None
+        self._reporter: Reporter | None = None
         self._state = self.create_lifecycle_publisher(StageState, 'state', qos.STATE)
         self._events = self.create_publisher(RunEvent, 'events', qos.EVENTS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
@@ -89,6 +96,9 @@ class StageDriverNode(LifecycleNode):
         self.create_service(SetServo, '~/set_servo', self._on_set_servo)
         self.create_service(GetStageLimits, '~/get_limits', self._on_get_limits)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+        # rclpy lets a transition that does not exist in the present state end the process.
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
 
     @_logged
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -117,9 +127,12 @@ class StageDriverNode(LifecycleNode):
             now_s=time.monotonic(),
         )
         self._loop = ControlLoop(controller, period_s=self._configured.control_period_s)
+        report = partial(self._report, self._loop, f'finger_{self._configured.finger}_base')
+        self._reporter = Reporter(report, period_s=self._configured.state_period_s)
+        activated = super().on_activate(state)
         self._loop.start()
-        self._state_timer = self.create_timer(self._configured.state_period_s, self._publish_state)
-        return super().on_activate(state)
+        self._reporter.start()
+        return activated
 
     @_logged
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -153,19 +166,26 @@ class StageDriverNode(LifecycleNode):
         super().destroy_node()
 
     def _end_loop(self) -> None:
-        if self._state_timer is not None:
-            self.destroy_timer(self._state_timer)
-            self._state_timer = None
-        if self._loop is not None:
+        if self._loop is not None and self._reporter is not None:
             self._loop.stop()
-            self._publish_events(self._loop)
-            self._loop = None
+            self._reporter.stop()
+        self._loop = self._reporter = None
 
     def _power_down(self) -> None:
         if self._stage is not None:
             self._stage.set_servo(False, time.monotonic())
         self._stage = None
         self._configured = None
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        try:
+            return self._change_state(request, response)
+        except RuntimeError as error:
+            self.get_logger().error(f'transition {request.transition.id} refused: {error}')
+            response.success = False
+            return response
 
     def _on_chunk(self, message: SetpointChunk) -> None:
         if self._loop is None:
@@ -218,15 +238,9 @@ class StageDriverNode(LifecycleNode):
             response.error_msg = str(error)
         return response
 
-    def _publish_state(self) -> None:
-        if self._loop is None or self._configured is None:
-            return
-        frame_id = f'finger_{self._configured.finger}_base'
-        snapshot = self._loop.snapshot()
-        self._state.publish(state_message(snapshot, self._clock_map, frame_id))
-        self._publish_events(self._loop)
-
-    def _publish_events(self, loop: ControlLoop) -> None:
+    def _report(self, loop: ControlLoop, frame_id: str) -> None:
+        """Publish state and events; called by the thread of the reporter."""
+        self._state.publish(state_message(loop.snapshot(), self._clock_map, frame_id))
         for event in loop.take_events():
             if event.code != ErrorCode.SUCCESS:
                 self.get_logger().error(event.text)

@@ -38,39 +38,47 @@ def make_step(kind, tips, touching, finger=0, turn_rad=None, angle_rad=0.0):
 
 @pytest.fixture(scope='session')
 def sphere_plan():
-    """Return a maker of plans: grip a sphere with fingers 1 and 2, roll it, place 3, remove 1."""
+    """Return a maker of plans: roll a sphere with two fingers, then with three."""
 
     def make(angle_deg=40.0, wait_um=WAIT_UM):
         touch_um = SPHERE_UM + TIP_UM
-        angle = math.radians(angle_deg)
         side = np.radians([0.0, 180.0, 90.0])
-        out, there = on_circle(wait_um, side), on_circle(touch_um, side)
-        approach = np.stack([out, [there[0], out[1], out[2]], [there[0], there[1], out[2]]])
-        theta = np.linspace(0.0, angle, max(2, math.ceil(angle_deg) + 1))
+        first, both = math.radians(0.8 * angle_deg), math.radians(angle_deg)
         # a tip of radius r goes around a sphere of radius R by R / (R + r) of the rolling angle
-        around = theta * SPHERE_UM / touch_um
-        roll = on_circle(touch_um, around[:, None] + side[:2])
-        roll = np.concatenate([roll, np.broadcast_to(out[2], (len(theta), 1, 3))], axis=1)
-        end = around[-1] + side
-        place = np.stack([roll[-1], roll[-1], roll[-1]])
-        place[1, 2], place[2, 2] = on_circle(wait_um, end[2]), on_circle(touch_um, end[2])
-        remove = np.stack([place[-1], place[-1]])
-        remove[1, 0] = on_circle(wait_um, end[0])
+        around = SPHERE_UM / touch_um
+
+        def roll(from_rad, to_rad, fingers):
+            theta = np.linspace(from_rad, to_rad, max(2, math.ceil(0.8 * angle_deg) + 1))
+            tips = np.tile([0.0, 0.0, wait_um], (len(theta), 3, 1))
+            at = around * theta[:, None] + side
+            tips[:, fingers] = on_circle(touch_um, at[:, fingers])
+            return theta, tips
+
+        theta_1, roll_1 = roll(0.0, first, [0, 1])
+        theta_2, roll_2 = roll(first, both, [0, 1, 2])
+        out = np.stack([*on_circle(wait_um, side[:2]), roll_1[0, 2]])
+        approach = np.stack([out, [roll_1[0, 0], out[1], out[2]], roll_1[0]])
+        place = np.stack([roll_1[-1]] * 3)
+        place[1:, 2] = np.outer([wait_um / touch_um, 1.0], roll_2[0, 2])
+        remove = np.stack([roll_2[-1], roll_2[-1]])
+        remove[1, 2] *= wait_um / touch_um
+        two, three = (True, True, False), (True, True, True)
         return Plan(
             object_name='sphere',
             object_sha256='0' * 64,
             start=Pose(),
-            goal=Pose.of((0.0, 0.0, 0.0), Rotation.from_rotvec([0.0, 0.0, angle])),
+            goal=Pose.of((0.0, 0.0, 0.0), Rotation.from_rotvec([0.0, 0.0, both])),
             finger=Finger(),
             law=ContactLaw(),
             options=SearchOptions(),
             steps=(
                 make_step(StepKind.APPROACH, approach, (False, False, False)),
-                make_step(StepKind.ROLL, roll, (True, True, False), 0, theta, angle),
-                make_step(StepKind.PLACE, place, (True, True, False), 3, angle),
-                make_step(StepKind.REMOVE, remove, (False, True, True), 1, angle),
+                make_step(StepKind.ROLL, roll_1, two, 0, theta_1, first),
+                make_step(StepKind.PLACE, place, two, 3, first),
+                make_step(StepKind.ROLL, roll_2, three, 0, theta_2, both - first),
+                make_step(StepKind.REMOVE, remove, two, 3, both),
             ),
-            rotations=(RotationReport('z', angle_deg, 2 * angle_deg + 360.0, 2, 10, 0.001),),
+            rotations=(RotationReport('z', angle_deg, 2.2 * angle_deg + 360.0, 2, 10, 0.001),),
         )
 
     return make

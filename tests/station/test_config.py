@@ -29,10 +29,10 @@ def test_what_is_written_is_read_back(tmp_path):
             'namespace': 'lab/left',
             'motion': {'speed': 2},
             'recording': {'required': False},
-            'fingers': [{'driver': {'noise_rms': 0.0}}, {'upper_um': [80, 80, 80.5]}, {}],
+            'fingers': [{'driver': {'noise_rms': 0.0}}, {'upper_um': [120, 180, 180.5]}, {}],
         }
     )
-    assert config.fingers[1].upper_um == (80.0, 80.0, 80.5)
+    assert config.fingers[1].upper_um == (120.0, 180.0, 180.5)
     write_config(config, tmp_path / 'station.yaml')
     assert read_config(tmp_path / 'station.yaml') == config
 
@@ -63,12 +63,12 @@ def test_speed_scales_every_rate():
             r'finger 2: base_um is \[1, 2\]; allowed: three numbers x y z',
         ),
         (
-            {'fingers': [{}, {}, {'home_um': [50, 50, 120]}]},
-            'finger 3: home_um z is 120.0; allowed: 0 to 100',
+            {'fingers': [{}, {}, {'home_um': [50, 50, 220]}]},
+            'finger 3: home_um z is 220.0; allowed: 0 to 200',
         ),
         (
-            {'fingers': [{'lower_um': [0, 100, 0]}, {}, {}]},
-            'finger 1: lower_um y is 100.0; allowed: less than upper_um, 100',
+            {'fingers': [{'lower_um': [0, 200, 0]}, {}, {}]},
+            'finger 1: lower_um y is 200.0; allowed: less than upper_um, 200',
         ),
         (
             {'fingers': [{'max_velocity_um_s': -1}, {}, {}]},

@@ -44,10 +44,10 @@ class FingerConfig:
         Further parameters of the stage driver, by their ROS names, in SI units.
     """
 
-    base_um: Vector = (-50.0, -50.0, -50.0)
+    base_um: Vector = (-100.0, -100.0, -100.0)
     lower_um: Vector = (0.0, 0.0, 0.0)
-    upper_um: Vector = (100.0, 100.0, 100.0)
-    home_um: Vector = (50.0, 50.0, 50.0)
+    upper_um: Vector = (200.0, 200.0, 200.0)
+    home_um: Vector = (100.0, 100.0, 100.0)
     max_velocity_um_s: float = 3500.0
     driver: Mapping[str, Any] = field(default_factory=dict)
 
@@ -134,9 +134,9 @@ class StationConfig:
     motion: Motion = field(default_factory=Motion)
     record: bool = True
     fingers: tuple[FingerConfig, ...] = (
-        FingerConfig(home_um=(95.0, 50.0, 50.0)),
-        FingerConfig(home_um=(5.0, 50.0, 50.0)),
-        FingerConfig(home_um=(50.0, 50.0, 95.0)),
+        FingerConfig(home_um=(170.0, 100.0, 100.0)),
+        FingerConfig(home_um=(30.0, 100.0, 100.0)),
+        FingerConfig(home_um=(100.0, 100.0, 170.0)),
     )
 
     def __post_init__(self) -> None:

@@ -18,8 +18,8 @@ SAME_UM = 1e-3
 """Positions that differ by less are the same [µm]."""
 SAME_RAD = 1e-5
 """Angles that differ by less are the same [rad]."""
-SLIP_UM = 2e-3
-"""A tip that rolls may be this far from where rolling takes it, per waypoint [µm]."""
+SLIP_UM = 0.01
+"""During a roll, a tip may stray this far from where rolling takes it [µm]."""
 OVERLAP_UM = 5e-3
 """Tips may come this much closer than allowed where waypoints cut an arc [µm]."""
 
@@ -135,7 +135,7 @@ def _check_touching(number: int, step: Step, radius_um: float) -> None:
                 raise _fault(
                     number,
                     step,
-                    f'slip of {name} after waypoint {at}',
+                    f'slip of {name} at waypoint {at + 1}',
                     f'{slip_um[at]:.4f} µm',
                     f'up to {SLIP_UM} µm',
                 )
@@ -148,7 +148,7 @@ def _check_touching(number: int, step: Step, radius_um: float) -> None:
 
 
 def _slip_um(step: Step, contact_um: FloatArray, tip_um: FloatArray) -> FloatArray:
-    """Return how far a tip is from where rolling would take it, for each pair of waypoints.
+    """Return how far a tip has strayed from where rolling takes it, from waypoint 1 on.
 
     A finger that only translates and does not slip moves with the velocity that the object has
     at the contact point p: ``dx = d(rotation) x (p - origin)``, integrated by the trapezoid rule.
@@ -157,7 +157,7 @@ def _slip_um(step: Step, contact_um: FloatArray, tip_um: FloatArray) -> FloatArr
     turn = (orientation[1:] * orientation[:-1].inv()).as_rotvec()
     arm = contact_um - step.object_position_um
     rolled = np.cross(turn, 0.5 * (arm[:-1] + arm[1:]))
-    return np.linalg.norm(np.diff(tip_um, axis=0) - rolled, axis=1)
+    return np.linalg.norm(np.cumsum(np.diff(tip_um, axis=0) - rolled, axis=0), axis=1)
 
 
 def _check_distances(number: int, step: Step, min_um: float) -> None:

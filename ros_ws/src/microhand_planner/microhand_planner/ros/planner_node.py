@@ -9,13 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import rclpy
 from geometry_msgs.msg import Vector3
 from microhand_msgs_py.msg import ErrorCode, ObjectInfo
 from microhand_msgs_py.srv import ListObjects, PlanRotation, ValidatePlan
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -46,8 +47,8 @@ Response = TypeVar('Response', PlanRotation.Response, ValidatePlan.Response, Lis
 class PlannerNode(Node):
     """Plans on request. Work is done in threads, so that it always answers."""
 
-    def __init__(self) -> None:
-        super().__init__('planner')
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('planner', **node_options)
         self.declare_parameter(
             'catalogue',
             '',
@@ -59,9 +60,13 @@ class PlannerNode(Node):
             'frame', 'station', ParameterDescriptor(description='frame_id of plans')
         )
         self._workers: Workers[object] = Workers(self, WORKERS)
-        self.create_service(PlanRotation, '~/plan_rotation', self._plan_rotation)
-        self.create_service(ValidatePlan, '~/validate_plan', self._validate_plan)
-        self.create_service(ListObjects, '~/list_objects', self._list_objects)
+        # a coroutine holds its group until it is done: each service has a group of its own
+        for kind, name, serve in (
+            (PlanRotation, 'plan_rotation', self._plan_rotation),
+            (ValidatePlan, 'validate_plan', self._validate_plan),
+            (ListObjects, 'list_objects', self._list_objects),
+        ):
+            self.create_service(kind, f'~/{name}', serve, callback_group=ReentrantCallbackGroup())
 
     def destroy_node(self) -> None:
         """End searches that are under way, then destroy the node."""

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 from lifecycle_msgs.msg import State, Transition
@@ -14,6 +16,9 @@ from microhand_planner.core.errors import RunFailed
 from microhand_station.service_call import call
 
 STAGE_MISSING = 300
+
+TRY_S = 1.0
+"""After so long, a question is asked again [s]."""
 
 
 def activate(node: Node, managed: str, *, who: str, deadline_s: float) -> None:
@@ -28,7 +33,7 @@ def activate(node: Node, managed: str, *, who: str, deadline_s: float) -> None:
     who : str
         Whom an error names.
     deadline_s : float
-        Longest wait for each answer [s].
+        Longest wait for the node to answer, and then for each transition [s].
 
     Raises
     ------
@@ -38,11 +43,11 @@ def activate(node: Node, managed: str, *, who: str, deadline_s: float) -> None:
     state = node.create_client(GetState, f'{managed}/get_state')
     change = node.create_client(ChangeState, f'{managed}/change_state')
 
-    def ask(client: Client, request: Any) -> Any:
-        return call(client, request, deadline_s=deadline_s, who=who, missing_code=STAGE_MISSING)
+    def ask(client: Client, request: Any, within_s: float = deadline_s) -> Any:
+        return call(client, request, deadline_s=within_s, who=who, missing_code=STAGE_MISSING)
 
     try:
-        present = ask(state, GetState.Request()).current_state.id
+        present = _first_answer(lambda: ask(state, GetState.Request(), TRY_S), deadline_s)
         for begin, transition, name in (
             (State.PRIMARY_STATE_UNCONFIGURED, Transition.TRANSITION_CONFIGURE, 'configure'),
             (State.PRIMARY_STATE_INACTIVE, Transition.TRANSITION_ACTIVATE, 'activate'),
@@ -57,3 +62,16 @@ def activate(node: Node, managed: str, *, who: str, deadline_s: float) -> None:
     finally:
         node.destroy_client(state)
         node.destroy_client(change)
+
+
+def _first_answer(ask: Callable[[], Any], deadline_s: float) -> int:
+    """Ask for the state until there is an answer: DDS takes a while to forget a node that died."""
+    give_up_s = time.monotonic() + deadline_s
+    while True:
+        try:
+            present: int = ask().current_state.id
+        except RunFailed:
+            if time.monotonic() > give_up_s:
+                raise
+        else:
+            return present

@@ -40,7 +40,7 @@ _OPTIONS = (
         '--config',
         type=click.Path(path_type=Path),
         metavar='FILE',
-        help='Station file (YAML); default: three 100 µm stages around the origin.',
+        help='Station file (YAML); default: three 200 µm stages around the origin.',
     ),
     click.option('--namespace', metavar='NAME', help='Put all names below NAME.'),
     click.option(

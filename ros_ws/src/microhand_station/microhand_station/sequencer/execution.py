@@ -27,8 +27,10 @@ from microhand_station.sequencer.stage_watch import STAGE_MISSING, check_ready
 from microhand_station.sequencer.states import Event
 from microhand_station.sequencer.streamer import LOOK_S, Streamer
 
-ANSWER_S = 2.0
-"""Longest wait for a driver or the recorder to answer [s]."""
+ANSWER_S = 5.0
+"""Longest wait for a driver or the recorder to be found, and to answer [s]."""
+READY_S = 0.5
+"""Longest wait for stages that are there to hold [s]."""
 CLOSE_RECORD_S = 10.0
 """Longest wait for the recorder to finish its file [s]."""
 
@@ -124,10 +126,11 @@ class Execution:
         plan = plan_from_msg(message)
         check_plan(plan)
         check_forces(plan)
+        self._wait_for(self._check_heard, ANSWER_S)
+        self._wait_for(lambda: check_ready(self._streamer.reports(), time.monotonic()), READY_S)
         limits = [stage.limits(ANSWER_S) for stage in self._stages]
-        self._wait_for(lambda: check_ready(self._streamer.reports(), time.monotonic()))
         approach, trajectory = self._timed(plan, limits)
-        self._wait_for(self._check_listeners)
+        self._wait_for(self._check_listeners, ANSWER_S)
         if self._config.record:
             metadata = {'station': self._config.to_dict(), 'planned_s': trajectory.duration_s}
             self._record_file = self._recorder.start(name, metadata, message, ANSWER_S)
@@ -167,6 +170,12 @@ class Execution:
         approach = _checked(way, motion.transit_pace(slowest_um_s), limits) if way else None
         return approach, _checked(plan.steps, motion.pace(slowest_um_s), limits)
 
+    def _check_heard(self) -> None:
+        """Raise unless every stage has reported at least once."""
+        for finger, report in enumerate(self._streamer.reports(), start=1):
+            if report is None:
+                raise RunFailed(f'finger {finger}: its stage driver is not there', STAGE_MISSING)
+
     def _check_listeners(self) -> None:
         """Raise unless every setpoint will reach its driver, and the recorder."""
         for finger, stage in enumerate(self._stages, start=1):
@@ -178,9 +187,9 @@ class Execution:
             if self._config.record and 'recorder' not in listeners:
                 raise RunFailed('the recorder is not there', RECORDER_MISSING)
 
-    def _wait_for(self, check: Callable[[], None]) -> None:
+    def _wait_for(self, check: Callable[[], None], deadline_s: float) -> None:
         """Return when `check` passes; raise what it says when the time is over."""
-        give_up_s = time.monotonic() + ANSWER_S
+        give_up_s = time.monotonic() + deadline_s
         while True:
             self._control.check_orders()
             try:

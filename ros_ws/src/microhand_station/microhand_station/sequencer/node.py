@@ -19,6 +19,7 @@ from microhand_msgs_py.srv import Command, PlanRotation
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -87,7 +88,13 @@ class SequencerNode(Node):
             ('emergency_stop', self._stop_everything),
             ('reset', self._reset),
         ):
-            self.create_service(Command, f'~/{name}', self._answer(command))
+            # a coroutine holds its group until it is done; the answers it waits for need another
+            self.create_service(
+                Command,
+                f'~/{name}',
+                self._answer(command),
+                callback_group=ReentrantCallbackGroup(),
+            )
         self._publish_state(State.IDLE)
 
     @property

@@ -92,6 +92,10 @@ class Streamer:
         begin_s = time.monotonic() + LEAD_S
         begin_ns = self._now_ns() + round((begin_s - time.monotonic()) * NS_PER_S)
         broken: RunFailed | None = None
+
+        def tell_due() -> None:
+            tell(stream.due(int((time.monotonic() - begin_s) / period_s)))
+
         while not stream.finished:
             if broken is None:
                 broken = self._why_to_stop()
@@ -102,8 +106,8 @@ class Streamer:
                     self._control.fire(Event.STOP)
                 elif self._control.pause_wanted:
                     stream.pause()
+            tell_due()
             now_s = time.monotonic()
-            tell(stream.due(int((now_s - begin_s) / period_s)))
             due_s = begin_s + stream.sent * period_s - LEAD_S
             if now_s < due_s:
                 self._control.wait(min(due_s, now_s + LOOK_S))

@@ -169,7 +169,29 @@ def test_a_stream_that_runs_dry_is_an_underrun(bench: Bench) -> None:
     stopping_um = VELOCITY_UM_S**2 / (2.0 * DECELERATION_UM_S2)
     expected_um = bench.seen[0].command_um[0] + VELOCITY_UM_S * 19 * PERIOD_S + stopping_um
     assert bench.last.command_um[0] == pytest.approx(expected_um, abs=1e-9)
-    assert bench.largest_jump_um() <= VELOCITY_UM_S * 0.001 + 1e-9
+    steps_um = np.diff([snapshot.command_um[0] for snapshot in bench.seen])
+    at_speed = int(steps_um.argmax())
+    assert steps_um[at_speed] == pytest.approx(VELOCITY_UM_S * 0.001)
+    assert (np.diff(steps_um[at_speed:]) < 1e-9).all()  # slower and slower, no halt in between
+
+
+def test_a_stop_before_a_stream_begins_moves_nothing(bench: Bench) -> None:
+    """A stream that waits for its time, a little beside the stage, is given up without a step."""
+    held_um = bench.last.command_um
+    chunk = Chunk(
+        time_s=bench.now_s + 0.1,
+        period_s=PERIOD_S,
+        positions_um=held_um + np.full((5, 3), 0.05),
+        velocities_um_s=None,
+        sequence=0,
+        stream=1,
+        last=True,
+    )
+    bench.controller.accept(chunk, bench.now_s)
+    assert bench.run(0.05).mode is Mode.STREAMING
+    bench.controller.stop(bench.now_s)
+    assert bench.run(0.2).mode is Mode.STOPPED
+    np.testing.assert_array_equal(bench.last.command_um, held_um)
 
 
 def test_the_first_fault_stays_until_reset(bench: Bench) -> None:

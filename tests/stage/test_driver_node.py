@@ -93,7 +93,7 @@ def test_two_seconds_of_a_sine_are_followed(active: DriverClient, make_chunk: Ma
     positions_m = np.array([xyz(state.position) for state in moving])[within]
     np.testing.assert_allclose(commands_m, sine_m(begin_m, since_s), atol=0.2e-9)
 
-    # The lag of the loop is 2z/w = 1.49 ms, that of the 1 kHz staircase 0.5 to 1 ms. A busy machine
+    # The lag of the loop is 2z/w = 1.49 ms, of the 1 kHz staircase 0.5 to 1 ms. A busy machine
     # delays ticks, never the lag of those on time: hence not the median.
     velocity_m_s = AMPLITUDE_M * OMEGA * np.cos(OMEGA * since_s)
     fast = np.abs(velocity_m_s) > 0.5 * AMPLITUDE_M * OMEGA

@@ -195,6 +195,22 @@ def test_exact_duplicates_change_nothing() -> None:
         assert accept(stream, copy, running=False) is stream
 
 
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'velocities_um_s': np.ones((10, 3))},
+        {'positions_um': np.full((10, 3), 50.0)},
+        {'time_s': BEGIN_S + 10 * PERIOD_S + 1e-4},
+        {'last': True},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_copy_that_differs_is_a_contradiction(changes: dict[str, Any]) -> None:
+    """The same numbers with another content are refused, whatever differs."""
+    stream = accept(accept(None, chunk_of(0, 10)), chunk_of(10, 10))
+    refuse(StreamBroken, 'setpoint 10; allowed: 20', stream, chunk_of(10, 10, **changes))
+
+
 def refuse(
     error: type[StageError],
     match: str,

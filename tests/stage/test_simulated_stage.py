@@ -70,6 +70,18 @@ def test_homing_is_slow() -> None:
     assert not stage.is_homing(1.0 + 1.01 * expected_s)
 
 
+def test_a_stop_never_turns_the_stage_around() -> None:
+    """The stage runs on to where its reference was: by the lag of its loop, never backwards."""
+    stage = stage_with_seed(1)
+    stage.command_um(HOME_UM + 30.0, 0.0)
+    at_stop_um = stage.measure_um(0.007)
+    held_um = stage.stop(0.007)
+    lag_um = 3500.0 * 2.0 * 0.7 / (2.0 * np.pi * 150.0)
+    np.testing.assert_allclose(held_um - at_stop_um, lag_um, rtol=0.1)
+    positions_um = [stage.measure_um(0.007 + 0.001 * k) for k in range(20)]
+    assert (np.array(positions_um) > at_stop_um - 0.01).all()
+
+
 def test_time_does_not_go_back() -> None:
     """A clock that runs backwards is an error, not a negative step."""
     stage = stage_with_seed(1)

@@ -28,6 +28,7 @@ class Brake:
 
     Examples
     --------
+    >>> import numpy as np
     >>> brake = Brake(0.0, np.zeros(3), np.array([200.0, 0.0, 0.0]), deceleration_um_s2=1000.0)
     >>> brake.end_s, brake.position_at(1.0).tolist()
     (0.2, [20.0, 0.0, 0.0])

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solids for the geometry tests, as vertices and faces, and looks at offset curves by brute force."""
+"""Solids for the geometry tests, as vertices and faces, and distances by brute force."""
 
 import numpy as np
 import trimesh
+from scipy.spatial import KDTree
 
 from microhand_planner.core.part import make_part
 
 
 def prism(polygon_um, half_height_um):
-    """Extrude a polygon, star-shaped about the origin, along Z; caps are fans from their centre."""
+    """Extrude a polygon, star-shaped about the origin, along Z; caps are fans."""
     polygon_um = np.asarray(polygon_um, dtype=float)
     n = len(polygon_um)
     i, j = np.arange(n), (np.arange(n) + 1) % n
@@ -60,7 +61,7 @@ def joined(*boxes_um):
 
 
 def ellipsoid(semi_axes_um, subdivisions=4, rotation=None):
-    """Return an ellipsoid of 20·4^subdivisions faces; `rotation` turns the facets, not the shape."""
+    """Return an ellipsoid of 20·4^subdivisions faces; `rotation` turns only the facets."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions, radius=1.0)
     vertices = sphere.vertices if rotation is None else sphere.vertices @ rotation.T
     return make_part('ellipsoid', vertices * np.array(semi_axes_um), sphere.faces)
@@ -80,5 +81,4 @@ def outline_points_um(section, spacing_rad=0.02, per_arc=8):
 
 def distance_um(points_um, outline_um):
     """Return the distance of each point (k, 2) from the nearest outline point."""
-    apart = points_um[:, None, :] - outline_um[None, :, :]
-    return np.sqrt((apart**2).sum(axis=2)).min(axis=1)
+    return KDTree(outline_um).query(points_um)[0]

@@ -21,7 +21,7 @@ from microhand_planner.core.section import XY_PLANE, XZ_PLANE, Plane, Section
 
 @pytest.mark.parametrize('plane', [XY_PLANE, XZ_PLANE])
 def test_plane_is_right_handed_and_starts_at_x(plane):
-    """u × v is the normal, u is X, and points survive the way into the plane and back."""
+    """U × v is the normal, u is X, and points survive the way into the plane and back."""
     np.testing.assert_array_equal(np.cross(plane.e_u, plane.e_v), plane.normal)
     np.testing.assert_array_equal(plane.e_u, [1.0, 0.0, 0.0])
     points = np.random.default_rng(0).normal(size=(10, 2))

@@ -11,13 +11,14 @@ import rclpy
 from geometry_msgs.msg import Quaternion
 from microhand_msgs_py.msg import ErrorCode, PlanOptions
 from microhand_msgs_py.srv import ListObjects, PlanRotation, ValidatePlan
+from rclpy.executors import SingleThreadedExecutor
+from scipy.spatial.transform import Rotation
+
 from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import Pose, angle_between_rad
 from microhand_planner.ros import planner_node
 from microhand_planner.ros.conversions import pose_from_msg, pose_to_msg
 from microhand_planner.ros.planner_node import PlannerNode
-from rclpy.executors import SingleThreadedExecutor
-from scipy.spatial.transform import Rotation
 
 DEADLINE_S = 30.0
 
@@ -145,7 +146,9 @@ def test_bad_requests_are_answered_and_the_node_stays_up(ask, fields, code, word
 def test_a_mesh_that_is_not_closed_is_refused(ask, tmp_path):
     """A mesh with a hole bounds no solid."""
     path = tmp_path / 'open.obj'
-    corners = '\n'.join(f'v {9 * x} {9 * y} {9 * z}' for x in (0, 1) for y in (0, 1) for z in (0, 1))
+    corners = '\n'.join(
+        f'v {9 * x} {9 * y} {9 * z}' for x in (0, 1) for y in (0, 1) for z in (0, 1)
+    )
     path.write_text(f'{corners}\nf 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\n')
     request = turn(0, 0, 40)
     request.object = str(path)

@@ -85,7 +85,7 @@ class Motion:
     """
 
     roll_rate_deg_s: float = 90.0
-    travel_um_s: float = 400.0
+    travel_um_s: float = 100.0
     transit_um_s: float = 200.0
     speed: float = 1.0
 

@@ -58,7 +58,7 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
         yield command(
             f'finger_{finger}',
             'stage_driver_sim.driver_node',
-            _driver_parameters(finger, stage),
+            driver_parameters(finger, stage),
             f'/finger_{finger}',
             *('-r', f'events:={root}/events'),
         )
@@ -73,7 +73,7 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
     )
 
 
-def _driver_parameters(finger: int, stage: FingerConfig) -> dict[str, Any]:
+def driver_parameters(finger: int, stage: FingerConfig) -> dict[str, Any]:
     """Return the parameters of a stage driver, in SI units."""
     return {
         'finger': finger,

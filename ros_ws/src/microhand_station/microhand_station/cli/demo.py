@@ -103,7 +103,8 @@ def _findable(object_name: str) -> str:
 def _execute(client: StationClient, found: PlanAnswer, console: Console) -> ExecutionResult:
     """Execute the plan under a progress bar."""
     columns = (TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
         task = bar.add_task('on the way to the start', total=1.0)
 
         def tell(progress: Any) -> None:

@@ -47,7 +47,13 @@ def plan(object_name: str, output: Path | None, as_json: bool, **options: Any) -
         request = request_from(object_name, **options)
         part = find_part(object_name, unit_um=request.unit_um)
         made = plan_reorientation(
-            part, Pose(), request.goal, request.finger, request.law, request.options
+            part,
+            Pose(),
+            request.goal,
+            request.finger,
+            request.law,
+            request.options,
+            decomposition=request.rotations,
         )
         if output is not None:
             write_plan(made, output)

@@ -52,6 +52,7 @@ def show_plan(console: Console, result: dict[str, Any]) -> None:
     console.print(
         f'\ncost {result["cost_deg"]:.0f}°, {result["reconfigurations"]} placements and removals, '
         f'off the goal by {result["goal_error_deg"]:.2g}°, '
-        f'planned in {result["planning_time_s"]:.2f} s'
+        f'planned in {result["planning_time_s"]:.2f} s',
+        soft_wrap=True,
     )
-    console.print(f'plan {result["plan_hash"]}', style='dim')
+    console.print(f'plan {result["plan_hash"]}', style='dim', soft_wrap=True)

@@ -30,7 +30,9 @@ def recover(broken: Path, out: Path, as_json: bool) -> None:
 
     def work() -> dict[str, Any]:
         columns = (TextColumn('reading'), BarColumn(), DownloadColumn())
-        with Progress(*columns, console=news_console(as_json), transient=True) as progress:
+        console = news_console(as_json)
+        shown = console.is_terminal
+        with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
             task = progress.add_task('reading')
             messages = recover_record(
                 broken,

@@ -11,6 +11,7 @@ from typing import Any
 import click
 from scipy.spatial.transform import Rotation
 
+from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.errors import BadRequest, InvalidNumber
 from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
 from microhand_planner.core.pose import Pose
@@ -33,6 +34,8 @@ class Request:
         Length of one unit of the mesh [µm]; None: the catalogue's, or 1 µm.
     goal : Pose
         Where the object shall be; it starts at the station's origin.
+    rotations : tuple of PlanarRotation or None
+        What the goal is to be made of; None: the planner chooses.
     finger, law, options
         What the planner is told.
     """
@@ -40,6 +43,7 @@ class Request:
     object_name: str
     unit_um: float | None
     goal: Pose
+    rotations: tuple[PlanarRotation, ...] | None
     finger: Finger
     law: ContactLaw
     options: SearchOptions
@@ -70,7 +74,8 @@ _OPTIONS = (
         type=click.Choice([mode.value for mode in Mode]),
         default=Mode.ROBUST.value,
         show_default=True,
-        help='robust: exact contacts, any angle; paper: the lattice of Kumar et al. 2021.',
+        help='robust: exact contacts, any angle, the cheapest decomposition of the rotation; '
+        'paper: the lattice of Kumar et al. 2021, and the angles of --euler-zyz as they are given.',
     ),
     click.option(
         '--step-deg',
@@ -151,7 +156,17 @@ def request_from(
         object_name=object_name,
         unit_um=None if unit is None else UNITS_UM[unit],
         goal=goal,
+        rotations=_as_given(euler_zyz) if mode == Mode.PAPER.value and euler_zyz else None,
         finger=Finger(finger_radius_um),
         law=ContactLaw(friction, pull_off_un, max_force_un, adhesion=not no_adhesion),
         options=SearchOptions(math.radians(step_deg), Mode(mode), time_limit),
+    )
+
+
+def _as_given(euler_zyz_deg: Triple) -> tuple[PlanarRotation, ...]:
+    """Return the rotations that the angles stand for, without those by zero."""
+    return tuple(
+        PlanarRotation(axis, math.radians(angle_deg))
+        for axis, angle_deg in zip('zyz', euler_zyz_deg, strict=True)
+        if angle_deg != 0.0
     )

@@ -69,7 +69,7 @@ class SequencerNode(Node):
         self._events = self.create_publisher(RunEvent, 'events', EVENTS)
         self._control = RunControl(self._publish_state)
         self._stages = [
-            StageLink(self, finger, config, self._control.report_arrived)
+            StageLink(self, finger, config)
             for finger, config in enumerate(self._config.fingers, start=1)
         ]
         self._recorder = RecorderLink(self)

@@ -116,12 +116,7 @@ class RunControl:
         if self._cancel:
             raise RunFailed('the caller cancelled the run', CANCELLED)
 
-    def report_arrived(self) -> None:
-        """Wake whoever waits: there is something new to look at."""
-        with self._changed:
-            self._changed.notify_all()
-
     def wait(self, until_s: float) -> None:
-        """Return at `until_s` of the monotonic clock, or earlier when something has changed."""
+        """Return at `until_s` of the monotonic clock, or earlier on an order or a new state."""
         with self._changed:
             self._changed.wait(max(0.0, until_s - time.monotonic()))

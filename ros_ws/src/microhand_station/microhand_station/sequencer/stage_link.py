@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 from builtin_interfaces.msg import Time
 from microhand_msgs_py.msg import SetpointChunk, StageState
@@ -35,16 +34,11 @@ class StageLink:
         1, 2 or 3.
     config : FingerConfig
         Where the stage stands in the station.
-    on_report : callable
-        Called after each report, in the thread that spins.
     """
 
-    def __init__(
-        self, node: Node, finger: int, config: FingerConfig, on_report: Callable[[], None]
-    ) -> None:
+    def __init__(self, node: Node, finger: int, config: FingerConfig) -> None:
         self._finger = finger
         self._config = config
-        self._on_report = on_report
         self._node = node
         self.report: StageReport | None = None
         """The last state that arrived."""
@@ -141,7 +135,7 @@ class StageLink:
             raise RunFailed(f'finger {self._finger}: {answer.error_msg}', answer.error_code)
 
     def _receive(self, state: StageState) -> None:
-        """Keep a report and tell whoever waits for it."""
+        """Keep a report."""
         self.report = StageReport(
             arrived_s=time.monotonic(),
             mode=Mode(state.mode),
@@ -154,4 +148,3 @@ class StageLink:
             error_code=state.error_code,
             error_msg=state.error_msg,
         )
-        self._on_report()

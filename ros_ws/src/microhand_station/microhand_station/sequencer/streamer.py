@@ -26,7 +26,7 @@ RAMP_S = 0.2
 """How long the fingers take to a standstill when a run is broken off [s]."""
 SETTLE_S = 2.0
 """Longest wait for the stages to be on target after a stream [s]."""
-LOOK_S = 0.05
+LOOK_S = 0.02
 """How often the stages are looked at while nothing has to be sent [s]."""
 
 
@@ -117,12 +117,20 @@ class Streamer:
                 stage.send(chunk, number, begin_ns, period_s)
             self.setpoints_sent += len(chunk.tip_um)
         end_s = begin_s + stream.sent * period_s
-        self._settle(number, stream.sent, end_s, broken)
+        self._settle(number, stream.sent, end_s, broken, tell_due)
         tell(stream.position)
 
-    def _settle(self, number: int, setpoints: int, end_s: float, broken: RunFailed | None) -> None:
+    def _settle(
+        self,
+        number: int,
+        setpoints: int,
+        end_s: float,
+        broken: RunFailed | None,
+        tell_due: Callable[[], None],
+    ) -> None:
         """Wait until every stage has the stream and holds on target, and raise what broke it."""
         while not finished(self.reports(), number, setpoints):
+            tell_due()
             failed = self._why_to_stop()
             if failed is not None and failed.code == EMERGENCY_STOP:
                 raise failed

@@ -22,7 +22,7 @@ from microhand_station.cli.row_progress import collected
 Row = dict[str, Any]
 
 ROTATIONS = 3
-STYLE: dict[str, Any] = {'box': SIMPLE, 'pad_edge': False}
+STYLE: dict[str, Any] = {'box': SIMPLE, 'padding': (0, 1, 0, 0)}
 
 
 class PaperTable(NamedTuple):
@@ -82,7 +82,7 @@ def _row2(row: Table2Row) -> Row:
 def _show2(console: Console, rows: list[Row]) -> None:
     """Print table 2; each line of ours with the paper's below."""
     table = Table(
-        title='Table 2: stable grasps in millions, with adhesion, and without at µ', box=SIMPLE
+        title='Table 2: stable grasps in millions, with adhesion, and without at µ', **STYLE
     )
     for name in ('object', 'line', 'c', '', 'adhesion'):
         table.add_column(name, justify='right' if name in ('c', 'adhesion') else 'left')

@@ -145,6 +145,8 @@ def _search(
     tracks, orientations = field.sample_of.shape
     theta_ndeg = field.theta_ndeg
     nothing = np.zeros(0, dtype=np.int64)
+    if len(starts) == 0 or not (is_any(goal) or _stable(field, _samples_at(field, goal, end, 0))):
+        return 1, -1, nothing, 0
     first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
     start_total = paper_estimate_ndeg(
         first_start, goal, theta_ndeg[begin], theta_ndeg[end], interchangeable

@@ -111,6 +111,17 @@ def _free_finger(grasp: Grasp) -> int:  # pragma: no cover - compiled
     return 1 if grasp[1] < 0 else 2
 
 
+@nb.njit(cache=True)
+def _holds(
+    field: SearchField, grasp: Grasp, orientation: int
+) -> bool:  # pragma: no cover - compiled
+    """Return whether two fingers may stand so at an orientation."""
+    free = _free_finger(grasp)
+    one = field.sample_of[grasp[(free + 1) % 3], orientation]
+    two = field.sample_of[grasp[(free + 2) % 3], orientation]
+    return field.usable[one] and field.usable[two] and clear_of(field, one, two)
+
+
 @nb.njit(cache=True, nogil=True)
 def _search(
     field: SearchField,
@@ -126,6 +137,8 @@ def _search(
     """Run A*; see `swap_search`. Returns outcome, cost, packed states of the path, expansions."""
     tracks, orientations = field.sample_of.shape
     nothing = np.zeros(0, dtype=np.int64)
+    if len(starts) == 0 or not (is_any(goal) or _holds(field, goal, end)):
+        return 1, -1, nothing, 0
     first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
     start_total = paper_estimate_ndeg(
         first_start, goal, field.theta_ndeg[begin], field.theta_ndeg[end], interchangeable
@@ -146,10 +159,7 @@ def _search(
             next_start += 1
             if interchangeable:
                 grasp = sorted_grasp(grasp)
-            free = _free_finger(grasp)
-            one = field.sample_of[grasp[(free + 1) % 3], begin]
-            two = field.sample_of[grasp[(free + 2) % 3], begin]
-            if field.usable[one] and field.usable[two] and clear_of(field, one, two):
+            if _holds(field, grasp, begin):
                 key = pack(grasp, begin, tracks, orientations)
                 cost_of[key] = 0
                 parent_of[key] = key

@@ -10,6 +10,7 @@ import heapq
 import itertools
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linprog
@@ -45,17 +46,24 @@ class Ellipse:
         """Phase of one turn, T."""
         return float(self.phase(2 * math.pi))
 
+    @cached_property
+    def table(self):
+        """Phases at equidistant t, where the search for a t begins."""
+        t = np.linspace(0.0, 2 * math.pi, 721)
+        return t, self.phase(t)
+
     def at(self, phase_rad):
-        """Return contacts, outward normals and tip centres, (k, 2) each."""
+        """Return contacts, outward normals and tip centres, (..., 2) each; by Newton's method."""
         wanted = np.asarray(phase_rad, dtype=float) % self.turn_rad
-        low = np.zeros_like(wanted)
-        high = np.full_like(wanted, 2 * math.pi)
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            below = self.phase(middle) < wanted
-            low, high = np.where(below, middle, low), np.where(below, high, middle)
-        contact = np.stack([self.a_um * np.cos(low), self.b_um * np.sin(low)], axis=-1)
-        normal = np.stack([self.b_um * np.cos(low), self.a_um * np.sin(low)], axis=-1)
+        t = np.interp(wanted, self.table[1], self.table[0])
+        for _ in range(4):
+            sin, cos = np.sin(t), np.cos(t)
+            along = np.hypot(self.a_um * sin, self.b_um * cos) / self.tip_um
+            turning = self.a_um * self.b_um / ((self.b_um * cos) ** 2 + (self.a_um * sin) ** 2)
+            t -= (self.phase(t) - wanted) / (along + turning)
+        sin, cos = np.sin(t), np.cos(t)
+        contact = np.stack([self.a_um * cos, self.b_um * sin], axis=-1)
+        normal = np.stack([self.b_um * cos, self.a_um * sin], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         return contact, normal, contact + self.tip_um * normal
 
@@ -162,12 +170,12 @@ def removable_from(pair_um, pair_normal, leave_um, leave_normal, law):
     return (low <= high) & np.all((np.abs(slope) > 1e-12) | (room >= 0.0), axis=1)
 
 
-def pair_presses(contact_um, normal, friction):
-    """Return whether the line between two contacts lies within both friction angles."""
-    line = contact_um[1] - contact_um[0]
-    line = line / np.linalg.norm(line)
-    lean = [math.acos(np.clip(cosine, -1, 1)) for cosine in (-normal[0] @ line, normal[1] @ line)]
-    return max(lean) <= math.atan(friction)
+def pairs_press(contact_um, normal, friction):
+    """Return whether the lines between pairs (k, 2, 2) lie within both friction angles, (k,)."""
+    line = contact_um[:, 1] - contact_um[:, 0]
+    push = np.stack([-normal[:, 0], normal[:, 1]], axis=1)  # by contact, along the line
+    cosine = np.einsum('kci,ki->kc', push, line) / np.linalg.norm(line, axis=1)[:, None]
+    return np.all(np.arccos(np.clip(cosine, -1, 1)) <= math.atan(friction), axis=1)
 
 
 def triples_press(contact_um, normal, friction):
@@ -182,12 +190,13 @@ def triples_press(contact_um, normal, friction):
     edges = np.stack([-normal + friction * tangent, -normal - friction * tangent], axis=2)
     moments = planar_cross(at[:, :, None, :], edges)
     edges = np.concatenate([edges, moments[..., None]], axis=-1).reshape(-1, 6, 3)
-    total = np.zeros((len(edges), 3))
-    for one, other in itertools.combinations(range(6), 2):
-        ray = np.cross(edges[:, one], edges[:, other])
-        for sign in (1.0, -1.0):
-            work = sign * np.einsum('kei,ki->ke', edges, ray)
-            total += sign * ray * np.all(work >= -1e-9, axis=1)[:, None]
+    one, other = np.triu_indices(6, k=1)
+    forward, back = [1, 2, 0], [2, 0, 1]
+    rays = edges[:, one][..., forward] * edges[:, other][..., back]
+    rays -= edges[:, one][..., back] * edges[:, other][..., forward]
+    rays = np.concatenate([rays, -rays], axis=1)
+    work = rays @ edges.transpose(0, 2, 1)
+    total = np.sum(rays * np.all(work >= -1e-9, axis=2)[..., None], axis=1)
     work = np.einsum('kei,ki->ke', edges, total).reshape(-1, 3, 2)
     return ~np.any(np.all(work > 1e-9, axis=2), axis=1)
 
@@ -279,7 +288,7 @@ class PaperGraph:
         self.apart = apart >= min_distance_um - 1e-9
         self.backward = [{b: a for a, b in step.items()} for step in lattice.forward]
         self.known_pairs, self.known_triples, self.known_removals = {}, {}, {}
-        self.known_rolls = {}
+        self.known_rolls, self.known_rolling, self.known_apart = {}, {}, {}
 
     def holds(self, grasp):
         """Return whether a set of two or three contacts is a stable grasp."""
@@ -288,9 +297,11 @@ class PaperGraph:
             if grasp not in self.known_pairs:
                 self.known_pairs[grasp] = self.apart[one, other] and (
                     self.law.adhesion
-                    or pair_presses(
-                        self.contact[[one, other]], self.normal[[one, other]], self.law.friction
-                    )
+                    or pairs_press(
+                        self.contact[None, [one, other]],
+                        self.normal[None, [one, other]],
+                        self.law.friction,
+                    )[0]
                 )
             return self.known_pairs[grasp]
         one, two, three = sorted(grasp)
@@ -319,28 +330,43 @@ class PaperGraph:
 
     def rolls(self, grasp, lower):
         """Return whether a grasp holds strictly between orientation `lower` and the next."""
-        if (grasp, lower) not in self.known_rolls:
-            self.known_rolls[grasp, lower] = self._holds_along(grasp, lower)
-        return self.known_rolls[grasp, lower]
+        if not len(self.lattice.roll_phase_rad[lower]):
+            return True
+        key = (tuple(sorted(grasp)), lower)
+        if key not in self.known_rolls:
+            self.known_rolls[key] = self._holds_along(*key)
+        return self.known_rolls[key]
+
+    def _rolling(self, contact, lower):
+        """Return contact, normal and tip centre (n, 2) of a finger while it rolls, read once."""
+        if (contact, lower) not in self.known_rolling:
+            along = self.lattice.roll_phase_rad[lower]
+            points = self.shape.at(self.lattice.phase_rad[contact] - along)
+            self.known_rolling[contact, lower] = points
+        return self.known_rolling[contact, lower]
 
     def _holds_along(self, grasp, lower):
-        along = self.lattice.roll_phase_rad[lower]
-        if not len(along):
-            return True
-        phases = self.lattice.phase_rad[list(grasp)][None, :] - along[:, None]
-        contact, normal, centre = self.shape.at(phases)
-        for one, other in itertools.combinations(range(len(grasp)), 2):
-            apart = np.linalg.norm(centre[:, one] - centre[:, other], axis=1)
-            if np.any(apart < self.min_distance_um - 1e-9):
-                return False
+        if len(grasp) == 3 and not all(
+            self._apart_along(pair, lower) for pair in itertools.combinations(grasp, 2)
+        ):
+            return False
+        if len(grasp) == 2 and not self._apart_along(grasp, lower):
+            return False
         if self.law.adhesion:
             return True
-        if len(grasp) == 3:
-            return bool(np.all(triples_press(contact, normal, self.law.friction)))
-        return all(
-            pair_presses(at, out, self.law.friction)
-            for at, out in zip(contact, normal, strict=True)
+        contact, normal, _ = (
+            np.stack(parts, axis=1)
+            for parts in zip(*(self._rolling(c, lower) for c in grasp), strict=True)
         )
+        press = pairs_press if len(grasp) == 2 else triples_press
+        return bool(np.all(press(contact, normal, self.law.friction)))
+
+    def _apart_along(self, pair, lower):
+        if (pair, lower) not in self.known_apart:
+            one, other = (self._rolling(contact, lower)[2] for contact in pair)
+            least_um = np.min(np.linalg.norm(one - other, axis=1))
+            self.known_apart[pair, lower] = least_um >= self.min_distance_um - 1e-9
+        return self.known_apart[pair, lower]
 
     def neighbours(self, node):
         """Yield the nodes that one operation leads to, and its cost [deg]."""
@@ -368,29 +394,36 @@ class PaperGraph:
                         changed[finger] = contact
                         yield (*changed, at), 180.0
 
-    def grasps_of_two(self, at):
-        """Return all nodes with two fingers at an orientation."""
-        pairs = itertools.permutations(self.lattice.standing[at], 2)
-        pairs = [pair for pair in pairs if self.holds(pair)]
-        nodes = [[*pair, NO_FINGER] for pair in pairs]
-        return [(*(n[f] for f in o), at) for n in nodes for o in ((0, 1, 2), (0, 2, 1), (2, 0, 1))]
+    def grasps_of_two(self, at, pairs=None):
+        """Return all nodes with two fingers at an orientation; or those with given contacts."""
+        if pairs is None:
+            pairs = itertools.combinations(self.lattice.standing[at], 2)
+        return [(*pair, NO_FINGER, at) for pair in pairs if self.holds(pair)]
 
-    def costs_from(self, starts, wanted):
-        """Return the least cost of each wanted node that can be reached [deg]."""
-        starts = [node for node in starts if self.holds(tuple(c for c in node[:3] if c >= 0))]
+    def cheapest(self, starts, goals, *, named=True):
+        """Return the cost of the cheapest path from any start to any goal [deg], or None.
+
+        named: False if fingers are alike, so that nodes that differ in their names only are one.
+        """
+
+        def name(node):
+            return node if named else (*sorted(node[:3]), node[3])
+
+        goals = set(map(name, goals))
+        starts = {
+            name(node) for node in starts if self.holds(tuple(c for c in node[:3] if c >= 0))
+        }
         costs = dict.fromkeys(starts, 0.0)
         queue = [(0.0, node) for node in starts]
         heapq.heapify(queue)
-        missing, found = set(wanted), {}
-        while queue and missing:
+        while queue:
             cost, node = heapq.heappop(queue)
             if cost > costs[node]:
                 continue
-            if node in missing:
-                missing.remove(node)
-                found[node] = cost
+            if node in goals:
+                return cost
             for other, price in self.neighbours(node):
-                if cost + price < costs.get(other, math.inf) - 1e-9:
-                    costs[other] = cost + price
-                    heapq.heappush(queue, (cost + price, other))
-        return found
+                if cost + price < costs.get(name(other), math.inf) - 1e-9:
+                    costs[name(other)] = cost + price
+                    heapq.heappush(queue, (cost + price, name(other)))
+        return None

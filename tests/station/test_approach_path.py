@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The way to the start of a plan: apart from the object and from each other, or refused."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,14 @@ def test_fingers_that_stand_in_contact_leave_outwards_first(sphere_plan):
     assert nearest_pair_um(tips) > 9.0
     turning = np.abs(np.diff(np.arctan2(tips[:, 0, 1], -tips[:, 0, 0]))) > 1e-4
     assert distance[1:][turning].min() > 36.0 - 0.05
+
+
+def test_fingers_change_sides(sphere_plan):
+    """From home with fingers 1 and 2 on the wrong sides there is a way, as for every labelling."""
+    for order in itertools.permutations(range(3)):
+        tips, _ = walk(HOME_UM[list(order)] * 1.75, sphere_plan())
+        assert nearest_pair_um(tips) > 9.0 - 1e-3
+        assert np.linalg.norm(tips, axis=-1).min() > 36.0 - 0.05
 
 
 def test_fingers_that_are_there_do_not_move(sphere_plan):

@@ -241,7 +241,7 @@ def test_cancel_brakes_on_the_path_and_leaves_the_station_ready(bench, sphere_pl
         )
         began_s = time.monotonic()
         bench.client.cancel()
-    assert time.monotonic() - began_s < 1.5
+    assert time.monotonic() - began_s < 2.0
     assert errors[0].code == ErrorCode.CANCELLED
     bench.watcher.wait_state(SequencerState.IDLE)
     states = [message.state for message in bench.watcher.states]

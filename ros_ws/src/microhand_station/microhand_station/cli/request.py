@@ -74,8 +74,8 @@ _OPTIONS = (
         type=click.Choice([mode.value for mode in Mode]),
         default=Mode.ROBUST.value,
         show_default=True,
-        help='robust: exact contacts, any angle, the cheapest decomposition of the rotation; '
-        'paper: the lattice of Kumar et al. 2021, and the angles of --euler-zyz as they are given.',
+        help='robust: exact contacts, any angle, the cheapest of all decompositions; '
+        'paper: the lattice of Kumar et al. 2021, and the angles of --euler-zyz as given.',
     ),
     click.option(
         '--step-deg',

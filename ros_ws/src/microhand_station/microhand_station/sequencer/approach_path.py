@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,8 +25,8 @@ def way_to_start(tip_um: FloatArray, plan: Plan) -> tuple[Step, ...]:
     """Find a way from the present tips to the first waypoint of a plan.
 
     One finger moves at a time, in the first of the six orders that works: straight if the chord
-    keeps away from the object, else out, around it on an arc, and in. The plan begins with its
-    fingers where they cannot touch the object; that distance from its origin is kept.
+    keeps away from the object, else around it on arcs. The plan begins with its fingers where they
+    cannot touch the object; that distance from its origin is kept.
 
     Parameters
     ----------
@@ -47,45 +49,66 @@ def way_to_start(tip_um: FloatArray, plan: Plan) -> tuple[Step, ...]:
     centre = np.asarray(plan.start.position_um)
     keep_um = float(np.linalg.norm(goal - centre, axis=1).min())
     moving = [f for f in range(FINGERS) if np.linalg.norm(goal[f] - tip_um[f]) > ALREADY_THERE_UM]
-    ways = {f: centre + _around(tip_um[f] - centre, goal[f] - centre, keep_um) for f in moving}
-    nearest_um, pair = -math.inf, (0, 0)
+    ways = {
+        f: [centre + way for way in _ways(tip_um[f] - centre, goal[f] - centre, keep_um)]
+        for f in moving
+    }
+    best = _Try((), -math.inf, (0, 0))
     for order in itertools.permutations(moving):
-        steps, distance_um, closest = _in_order(order, ways, tip_um, plan)
-        if distance_um >= plan.finger.min_distance_um:
-            return steps
-        if distance_um > nearest_um:
-            nearest_um, pair = distance_um, closest
+        found = _in_order(order, ways, tip_um, plan)
+        if found.nearest_um >= plan.finger.min_distance_um:
+            return found.steps
+        best = max(best, found, key=lambda one: one.nearest_um)
     raise RunFailed(
-        f'no safe way to the start of the plan: fingers {pair[0] + 1} and {pair[1] + 1} would '
-        f'come as near as {nearest_um:.2f} µm; allowed: >= {plan.finger.min_distance_um:g} µm. '
-        'Home the stages first',
+        f'no safe way to the start of the plan: fingers {best.pair[0] + 1} and {best.pair[1] + 1} '
+        f'would come as near as {best.nearest_um:.2f} µm; '
+        f'allowed: >= {plan.finger.min_distance_um:g} µm. Home the stages first',
         NOT_ALLOWED,
     )
 
 
-def _around(start: FloatArray, goal: FloatArray, keep_um: float) -> FloatArray:
-    """Return waypoints (n, 3) between two points, relative to the object's origin.
+@dataclass(frozen=True)
+class _Try:
+    """What one order of the fingers gives: the steps, and the nearest pair of tips."""
 
-    Straight if the chord is nowhere nearer to the origin than `keep_um`.
+    steps: tuple[Step, ...]
+    nearest_um: float
+    pair: tuple[int, int]
+
+
+def _ways(start: FloatArray, goal: FloatArray, keep_um: float) -> Iterator[FloatArray]:
+    """Return ways (n, 3) between two points around the origin, the shortest ones first.
+
+    Straight if the chord keeps the distance; else along the sphere of the goal or that of the
+    start, directly or by way of one of its poles.
     """
     chord = goal - start
     share = np.clip(-float(start @ chord) / max(float(chord @ chord), 1e-30), 0.0, 1.0)
-    passes_at_um = float(np.linalg.norm(start + share * chord))
-    if passes_at_um >= keep_um - ALREADY_THERE_UM:
-        return np.stack([start, goal])
-    radius = max(keep_um, float(np.linalg.norm(start)), float(np.linalg.norm(goal)))
-    u = _unit(start, fallback=-goal)
-    v = _unit(goal, fallback=-u)
+    if float(np.linalg.norm(start + share * chord)) >= keep_um - ALREADY_THERE_UM:
+        yield np.stack([start, goal])
+    first = _unit(start, fallback=-goal)
+    last = _unit(goal, fallback=-first)
+    arcs = [_arc(first, last)]
+    for pole in np.concatenate([np.eye(3), -np.eye(3)]):
+        arcs.append(np.concatenate([_arc(first, pole), _arc(pole, last)]))
+    inner_um = max(keep_um, float(np.linalg.norm(goal)))
+    outer_um = max(inner_um, float(np.linalg.norm(start)))
+    for arc in arcs:
+        for radius_um in dict.fromkeys((inner_um, outer_um)):
+            yield np.concatenate([[start], radius_um * arc, [goal]])
+
+
+def _arc(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return directions (n, 3) on the great circle from one direction to another."""
     angle = math.atan2(float(np.linalg.norm(np.cross(u, v))), float(u @ v))
-    # opposite sides: any great circle will do; the one through the axis furthest from u
     across = v - (u @ v) * u
+    # opposite sides: any great circle will do; the one through the axis furthest from u
     if np.linalg.norm(across) < 1e-9:
         axis = np.eye(3)[np.argmin(np.abs(u))]
         across = axis - (u @ axis) * u
     across /= np.linalg.norm(across)
     turn = np.linspace(0.0, angle, max(2, math.ceil(angle / ARC_STEP_RAD) + 1))[:, None]
-    arc = radius * (np.cos(turn) * u + np.sin(turn) * across)
-    return np.concatenate([[start], arc, [goal]])
+    return np.asarray(np.cos(turn) * u + np.sin(turn) * across)
 
 
 def _unit(vector: FloatArray, fallback: FloatArray) -> FloatArray:
@@ -97,23 +120,32 @@ def _unit(vector: FloatArray, fallback: FloatArray) -> FloatArray:
 
 
 def _in_order(
-    order: tuple[int, ...], ways: dict[int, FloatArray], tip_um: FloatArray, plan: Plan
-) -> tuple[tuple[Step, ...], float, tuple[int, int]]:
-    """Move the fingers one after another; return the steps and the nearest pair of tips."""
+    order: tuple[int, ...], ways: dict[int, list[FloatArray]], tip_um: FloatArray, plan: Plan
+) -> _Try:
+    """Move the fingers one after another, each on the first of its ways that is free."""
     tips = np.array(tip_um)
     steps = []
     nearest_um, pair = math.inf, (0, 0)
     for finger in order:
-        way = ways[finger]
-        for other in set(range(FINGERS)) - {finger}:
-            distance_um = _distance_to_polyline_um(tips[other], way)
-            if distance_um < nearest_um:
-                nearest_um, pair = distance_um, (finger, other)
-        waypoints = np.tile(tips, (len(way), 1, 1))
-        waypoints[:, finger] = way
-        tips[finger] = way[-1]
+        best_um, best_way, best_other = -math.inf, ways[finger][0], finger
+        for way in ways[finger]:
+            apart = {
+                other: _distance_to_polyline_um(tips[other], way)
+                for other in range(FINGERS)
+                if other != finger
+            }
+            other = min(apart, key=lambda one: apart[one])
+            if apart[other] > best_um:
+                best_um, best_way, best_other = apart[other], way, other
+            if best_um >= plan.finger.min_distance_um:
+                break
+        if best_um < nearest_um:
+            nearest_um, pair = best_um, (finger, best_other)
+        waypoints = np.tile(tips, (len(best_way), 1, 1))
+        waypoints[:, finger] = best_way
+        tips[finger] = best_way[-1]
         steps.append(_step(finger, waypoints, plan))
-    return tuple(steps), nearest_um, pair
+    return _Try(tuple(steps), nearest_um, pair)
 
 
 def _distance_to_polyline_um(point: FloatArray, line: FloatArray) -> float:

@@ -20,7 +20,7 @@ from microhand_station.sequencer.stage_watch import (
 )
 from microhand_station.sequencer.states import EMERGENCY_STOP, Event
 
-LEAD_S = 0.2
+LEAD_S = 0.4
 """Setpoints are sent this long before they are due [s]."""
 RAMP_S = 0.2
 """How long the fingers take to a standstill when a run is broken off [s]."""

@@ -84,11 +84,12 @@ format: setup  ## put all Python files into the project's format
 	$(BIN)/ruff format .
 
 # The same four packages by colcon, in an environment of its own, so that nothing can come from .venv.
+# MAKEFLAGS keeps colcon from adding a load limit, which stalls the build on a busy machine.
 COLCON := build/$(TAG)/colcon
 COLCON_PYTHON := $(CURDIR)/$(TOOLS)/bin/python
 colcon: python $(COLCON_READY)  ## build the workspace with colcon, as on Ubuntu, and check the result
 	@echo 'Building $(SRC) with colcon into $(COLCON)'
-	@AMENT_PREFIX_PATH='$(CURDIR)/$(TOOLS)' CMAKE_PREFIX_PATH='$(CURDIR)/$(TOOLS)' PATH="$(CURDIR)/$(TOOLS)/bin:$$PATH" MAKEFLAGS= \
+	@AMENT_PREFIX_PATH='$(CURDIR)/$(TOOLS)' CMAKE_PREFIX_PATH='$(CURDIR)/$(TOOLS)' PATH="$(CURDIR)/$(TOOLS)/bin:$$PATH" MAKEFLAGS="-j$$(nproc)" \
 	colcon --log-base $(COLCON)/log build --base-paths $(SRC) \
 	  --build-base $(COLCON)/build --install-base $(COLCON)/install --event-handlers console_stderr- \
 	  --cmake-args -G Ninja -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release \

@@ -40,8 +40,9 @@ def check_files(name: str, source: Path) -> None:
     """Check that all files of a Python package were installed, meshes and tables included."""
     installed = Path(str(importlib.import_module(name).__file__)).parent
     for path in source.rglob('*'):
-        if path.is_file() and '__pycache__' not in path.parts:
-            relative = path.relative_to(source)
+        relative = path.relative_to(source)
+        cache = any(part.startswith(('.', '__pycache__')) for part in relative.parts)
+        if path.is_file() and not cache:
             require((installed / relative).is_file(), f'{name}/{relative} was not installed')
 
 

@@ -400,8 +400,8 @@ class PaperGraph:
             pairs = itertools.combinations(self.lattice.standing[at], 2)
         return [(*pair, NO_FINGER, at) for pair in pairs if self.holds(pair)]
 
-    def cheapest(self, starts, goals, *, named=True):
-        """Return the cost of the cheapest path from any start to any goal [deg], or None.
+    def reached(self, starts, goals, *, named=True):
+        """Yield goals and what the cheapest path from any start costs [deg], cheapest first.
 
         named: False if fingers are alike, so that nodes that differ in their names only are one.
         """
@@ -416,14 +416,18 @@ class PaperGraph:
         costs = dict.fromkeys(starts, 0.0)
         queue = [(0.0, node) for node in starts]
         heapq.heapify(queue)
-        while queue:
+        while queue and goals:
             cost, node = heapq.heappop(queue)
             if cost > costs[node]:
                 continue
             if node in goals:
-                return cost
+                goals.remove(node)
+                yield node, cost
             for other, price in self.neighbours(node):
                 if cost + price < costs.get(name(other), math.inf) - 1e-9:
                     costs[name(other)] = cost + price
                     heapq.heappush(queue, (cost + price, name(other)))
-        return None
+
+    def cheapest(self, starts, goals, *, named=True):
+        """Return the cost of the cheapest path from any start to any goal [deg], or None."""
+        return next((cost for _, cost in self.reached(starts, goals, named=named)), None)

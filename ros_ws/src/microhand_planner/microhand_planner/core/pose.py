@@ -32,7 +32,7 @@ def readonly(values: npt.ArrayLike) -> FloatArray:
     return array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pose:
     """Position and orientation of the object in the station frame.
 
@@ -78,6 +78,18 @@ class Pose:
         leading = quaternion[np.flatnonzero(np.abs(quaternion) > 1e-12)[0]]
         object.__setattr__(self, 'position_um', position)
         object.__setattr__(self, 'quaternion_wxyz', readonly(quaternion * np.sign(leading)))
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether both are the same numbers: arrays have no truth value of their own."""
+        if not isinstance(other, Pose):
+            return NotImplemented
+        return np.array_equal(self.position_um, other.position_um) and np.array_equal(
+            self.quaternion_wxyz, other.quaternion_wxyz
+        )
+
+    def __hash__(self) -> int:
+        """Return a hash that equal poses share."""
+        return hash((*self.position_um, *self.quaternion_wxyz))
 
     @classmethod
     def of(cls, position_um: npt.ArrayLike, rotation: Rotation) -> Pose:

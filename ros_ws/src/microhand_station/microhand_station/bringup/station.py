@@ -19,6 +19,8 @@ from microhand_station.client import ANSWER_S, StationClient
 from microhand_station.config import StationConfig, write_config
 from microhand_station.service_call import POLL_S
 
+NEIGHBOUR_S = 1.0
+"""How long a station that runs already has to be noticed [s]."""
 START_S = 30.0
 """Longest time for the nodes to be there [s]: Python, numba and discovery on a busy machine."""
 
@@ -95,17 +97,18 @@ class RunningStation:
             raise BadRequest(
                 'run-dir', f'{self._folder} ({error.strerror})', 'a folder that can be written'
             ) from error
-        for node in node_commands(self._config, self._folder):
-            self._processes.append(
-                NodeProcess(
-                    node.name,
-                    node.module,
-                    node.arguments,
-                    self._folder / f'{node.name}.log',
-                    self._environment,
-                )
-            )
         with StationClient(self._config.namespace, self._domain_id) as client:
+            self._check_alone(client)
+            for node in node_commands(self._config, self._folder):
+                self._processes.append(
+                    NodeProcess(
+                        node.name,
+                        node.module,
+                        node.arguments,
+                        self._folder / f'{node.name}.log',
+                        self._environment,
+                    )
+                )
             for finger in range(1, FINGERS + 1):
                 name = f'finger_{finger}'
                 self._wait_for(client, f'{name}/stage_driver')
@@ -118,7 +121,6 @@ class RunningStation:
             for name in ('planner', 'sequencer', 'recorder'):
                 self._wait_for(client, name)
             client.wait_until_ready(START_S)
-            self._check_alone(client)
 
     def _wait_for(self, client: StationClient, name: str) -> None:
         """Return when a node is there; raise if it does not come, or if its process ended."""
@@ -135,13 +137,16 @@ class RunningStation:
             time.sleep(POLL_S)
 
     def _check_alone(self, client: StationClient) -> None:
-        """Raise if another station has the same names."""
-        if client.count_nodes('sequencer') > 1:
-            raise BadRequest(
-                'namespace',
-                f'{self._config.namespace!r}, where a station runs already',
-                'another --namespace or another --domain-id',
-            )
+        """Raise if another station has the same names: its nodes would be taken for ours."""
+        give_up_s = time.monotonic() + NEIGHBOUR_S
+        while time.monotonic() < give_up_s:
+            if client.count_nodes('sequencer'):
+                raise BadRequest(
+                    'namespace',
+                    f'{self._config.namespace!r}, where a station runs already',
+                    'another --namespace or another --domain-id',
+                )
+            time.sleep(POLL_S)
 
     def _end(self) -> None:
         """End every process: first the one that moves the stages, then the others."""

@@ -22,14 +22,8 @@ from microhand_planner.core.planned_rotation import Problem, plan_planar_rotatio
 from microhand_planner.core.search_result import Outcome
 from microhand_planner.core.search_state import ABSENT, NDEG
 from microhand_planner.core.section import XY_PLANE
-from tests.planner.oracles import (
-    Ellipse,
-    PaperGraph,
-    paper_lattice,
-    presses_lp,
-    removal_window_lp,
-    robust_lattice,
-)
+from tests.planner.oracles import Ellipse, presses_lp, removal_window_lp
+from tests.planner.paper_graph import PaperGraph, paper_lattice, robust_lattice
 
 PAPER_AXES_UM = (16.22, 11.586)  # 74 contacts of 20 deg for a tip of 4.5 um
 

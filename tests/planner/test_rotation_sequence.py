@@ -19,7 +19,8 @@ from microhand_planner.core.rotation_sequence import cheapest_sequence
 from microhand_planner.core.search_state import ABSENT, NDEG
 from microhand_planner.core.section import XY_PLANE, XZ_PLANE
 from microhand_planner.core.start_grasp import StartGrasp
-from tests.planner.oracles import NO_FINGER, Ellipse, PaperGraph, robust_lattice
+from tests.planner.oracles import Ellipse
+from tests.planner.paper_graph import NO_FINGER, PaperGraph, robust_lattice
 
 PAPER_ELLIPSOID_UM = (16.22, 11.586, 11.586)
 PAPER = SearchOptions(math.radians(20.0), Mode.PAPER)

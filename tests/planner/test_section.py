@@ -118,7 +118,8 @@ def test_section_is_frozen_and_its_arrays_read_only():
         ([[0, 0], [1, 0], [0, 1]], [0.0, 1.0], 'do not fit'),
         ([[0, 0], [1, 0], [0, math.nan]], [0.0, 1.0, 2.0], 'NaN'),
         ([[1, 0], [0, 1], [-1, 0]], [0.0, 1.0, 2.0], 'one arc'),
-        ([[1, 0], [0, 1], [-1, 0]], [0.0, 9.0, 2.0], 'full turn'),
+        ([[1, 0], [0, 1], [-1, 0]], [0.0, 9.0, 2.0], 'turns too far'),
+        ([[1, 0], [1, 0], [-1, 0]], [0.0, 3.2, 4.0], 'turns too far'),
     ],
 )
 def test_samples_that_are_no_chain_of_arcs_are_refused(points, angles, message):

@@ -54,8 +54,7 @@ def _rightmost_first(arcs: ArcChain, radius_um: float) -> ArcChain:
     row = np.concatenate([np.arange(best, len(arcs)), np.arange(best + 1)])
     start, end = np.zeros(len(row)), np.ones(len(row))
     start[0] = end[-1] = place[best]
-    keep = end - start > 1e-12
-    return arcs.clip(row[keep], start[keep], end[keep])
+    return moving_arcs(arcs.clip(row, start, end), radius_um)
 
 
 def _walk(crossings_um: FloatArray, length_um: float) -> FloatArray:

@@ -133,8 +133,9 @@ class Section:
         chord = np.roll(points, -1, axis=0) - points
         turn = np.diff(angles, append=angles[0] + 2.0 * math.pi)
         chord_um = np.hypot(chord[:, 0], chord[:, 1])
-        if np.abs(turn).max() > 2.0 * math.pi - 1e-6:
-            raise ValueError('the normal turns by a full turn between two samples')
+        most_rad = np.where(chord_um > 0.0, 2.0 * math.pi - 1e-6, math.pi)
+        if (np.abs(turn) > most_rad).any():
+            raise ValueError('the normal turns too far: 180 deg at a corner, 360 deg on an arc')
         middle = angles + 0.5 * turn
         across = np.abs(chord[:, 0] * np.cos(middle) + chord[:, 1] * np.sin(middle))
         along = chord[:, 1] * np.cos(middle) - chord[:, 0] * np.sin(middle)

@@ -247,8 +247,11 @@ def test_two_stations_run_side_by_side_and_names_are_not_shared(client, station,
         plan = left.plan('ellipsoid', Pose(), turn(0, 0, 20)).plan
         assert left.execute(plan).record_file.is_relative_to(tmp_path / 'left')
     second = Station(tmp_path / 'second')
-    assert 'another --namespace' in second.wait_for_line('namespace')
-    assert second.end() == 2
+    try:
+        assert 'another --namespace' in second.wait_for_line('namespace')
+    finally:
+        status = second.end()
+    assert status == 2
 
 
 @pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])

@@ -155,5 +155,6 @@ $(PACKAGES_READY): | $(MSGS_READY)
 
 # numba compiles the search once, here, so that nobody waits for it later.
 $(WARM_READY): | $(PACKAGES_READY) python
-	$(call step,search kernels,$(BIN)/python -m microhand_planner.warm_up)
+	# numba keeps code by the age of one file, and would not see that a function from another file has changed.
+	$(call step,search kernels,rm -f $(SRC)/microhand_planner/microhand_planner/core/__pycache__/*.nb[ci] && $(BIN)/python -m microhand_planner.warm_up)
 	@$(done)

@@ -153,8 +153,8 @@ $(PACKAGES_READY): | $(MSGS_READY)
 	  && $(BIN)/python tools/link_into_prefix.py $(addprefix ./$(SRC)/,$(PACKAGES)))
 	@$(done)
 
-# numba compiles the search once, here, so that nobody waits for it later.
+# numba compiles the search once, here, so that nobody waits for it later. It keeps code by the age of one file, and
+# would not see that a function from another file has changed: so it begins from nothing.
 $(WARM_READY): | $(PACKAGES_READY) python
-	# numba keeps code by the age of one file, and would not see that a function from another file has changed.
-	$(call step,search kernels,rm -f $(SRC)/microhand_planner/microhand_planner/core/__pycache__/*.nb[ci] && $(BIN)/python -m microhand_planner.warm_up)
+	$(call step,search kernels,find $(SRC)/microhand_planner -name '*.nb[ci]' -delete && $(BIN)/python -m microhand_planner.warm_up)
 	@$(done)

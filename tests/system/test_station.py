@@ -249,9 +249,9 @@ def test_two_stations_run_side_by_side_and_names_are_not_shared(client, station,
     second = Station(tmp_path / 'second')
     try:
         assert 'another --namespace' in second.wait_for_line('namespace')
+        assert second.process.wait(END_S) == 2
     finally:
-        status = second.end()
-    assert status == 2
+        second.end()
 
 
 @pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])

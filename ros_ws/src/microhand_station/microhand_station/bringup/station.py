@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from types import TracebackType
 from microhand_planner.core.errors import BadRequest, RunFailed
 from microhand_planner.core.plan import FINGERS
 from microhand_station.bringup.lifecycle import activate
+from microhand_station.bringup.name_lock import names_taken
 from microhand_station.bringup.node_commands import node_commands
 from microhand_station.bringup.processes import NodeProcess, end_processes
 from microhand_station.bringup.signals import undisturbed
@@ -19,8 +21,6 @@ from microhand_station.client import ANSWER_S, StationClient
 from microhand_station.config import StationConfig, write_config
 from microhand_station.service_call import POLL_S
 
-NEIGHBOUR_S = 1.0
-"""How long a station that runs already has to be noticed [s]."""
 START_S = 30.0
 """Longest time for the nodes to be there [s]: Python, numba and discovery on a busy machine."""
 
@@ -57,12 +57,14 @@ class RunningStation:
         self._domain_id = domain_id
         self._processes: list[NodeProcess] = []
         self._mourned: set[str] = set()
+        self._names = contextlib.ExitStack()
         self.troubles: list[str] = []
         """What did not go well at the end; complete when the context has ended."""
 
     def __enter__(self) -> RunningStation:
         """Start everything, and return when every node answers and the stages hold."""
         try:
+            self._names.enter_context(names_taken(self._config.namespace, self._domain_id))
             self._start()
         except BaseException:
             self._end()
@@ -98,7 +100,6 @@ class RunningStation:
                 'run-dir', f'{self._folder} ({error.strerror})', 'a folder that can be written'
             ) from error
         with StationClient(self._config.namespace, self._domain_id) as client:
-            self._check_alone(client)
             for node in node_commands(self._config, self._folder):
                 self._processes.append(
                     NodeProcess(
@@ -136,21 +137,10 @@ class RunningStation:
                 raise RunFailed(f'{name} is not there after {START_S:g} s')
             time.sleep(POLL_S)
 
-    def _check_alone(self, client: StationClient) -> None:
-        """Raise if another station has the same names: its nodes would be taken for ours."""
-        give_up_s = time.monotonic() + NEIGHBOUR_S
-        while time.monotonic() < give_up_s:
-            if client.count_nodes('sequencer'):
-                raise BadRequest(
-                    'namespace',
-                    f'{self._config.namespace!r}, where a station runs already',
-                    'another --namespace or another --domain-id',
-                )
-            time.sleep(POLL_S)
-
     def _end(self) -> None:
         """End every process: first the one that moves the stages, then the others."""
         with undisturbed():
             first = [process for process in self._processes if process.name == 'sequencer']
             self.troubles += end_processes(first)
             self.troubles += end_processes(self._processes)
+            self._names.close()

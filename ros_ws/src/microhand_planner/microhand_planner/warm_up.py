@@ -7,6 +7,8 @@ beside the modules, or where ``NUMBA_CACHE_DIR`` says, and belongs to this proce
 
 from __future__ import annotations
 
+import contextlib
+
 from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.catalogue import find_part
@@ -19,15 +21,13 @@ _TURN_DEG = (10.0, 40.0, 10.0)
 
 
 def main() -> None:
-    """Plan a small reorientation with and without adhesion."""
+    """Plan a small reorientation of a part with hollows, with and without adhesion."""
     goal = Pose.of((0.0, 0.0, 0.0), Rotation.from_euler('ZYZ', _TURN_DEG, degrees=True))
-    part = find_part('ellipsoid')
+    part = find_part('concave')
     for adhesion in (True, False):
         law = ContactLaw(adhesion=adhesion)
-        try:
+        with contextlib.suppress(NoPlanExists):  # an answer all the same: its search is compiled
             plan_reorientation(part, Pose(), goal, Finger(), law, SearchOptions())
-        except NoPlanExists:
-            continue  # an answer all the same: its search is compiled
 
 
 if __name__ == '__main__':

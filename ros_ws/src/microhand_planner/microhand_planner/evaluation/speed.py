@@ -205,13 +205,30 @@ def _any_goals(whole: WholeRotation, curves: SectionCurves, clock: Clock) -> Ben
     return BenchRow('plan to random goals', whole.object_name, _STEP_DEG, summarised(times_s))
 
 
-def _dearest_goal(step_deg: float, clock: Clock) -> BenchRow:
-    """Measure the dearest of the six goals of Table 3: every finger back where it was."""
+def dearest_problem(step_deg: float) -> PlanarProblem:
+    """Return the dearest of the six rotations of Table 3: every finger back on its place.
+
+    Parameters
+    ----------
+    step_deg : float
+        Δθ [deg]; there are as many more contacts and orientations as it is finer than 20 deg.
+    """
     finer = round(_STEP_DEG / step_deg)
     contacts = CONTACTS * finer
-    start = (START[0], contacts // 2 + 1, 0, 1)
-    goal = (*start[:3], 11 * finer + 1)
-    problem = PlanarProblem(ELLIPSE_UM, contacts, step_deg, 18 * finer + 1, start=start, goal=goal)
+    placed = (START[0], contacts // 2 + 1, 0)
+    return PlanarProblem(
+        ELLIPSE_UM,
+        contacts,
+        step_deg,
+        orientations=18 * finer + 1,
+        start=(*placed, 1),
+        goal=(*placed, 11 * finer + 1),
+    )
+
+
+def _dearest_goal(step_deg: float, clock: Clock) -> BenchRow:
+    """Measure the dearest planar rotation."""
+    problem = dearest_problem(step_deg)
     timing = measure(lambda: solve_planar(problem), clock)
     return BenchRow("Table 3's dearest goal", 'ellipse', step_deg, timing)
 

@@ -37,7 +37,7 @@ class PaperTable(NamedTuple):
 @click.argument('table', type=click.Choice(['table2', 'table3', 'table4']))
 @json_option
 def reproduce(table: str, as_json: bool) -> None:
-    r"""Compute a table of Kumar et al. 2021 and print the paper's figures beside ours.
+    r"""Compute a table of the paper and print its figures beside ours.
 
     \b
     table2  how friction and adhesion decide how many grasps are stable (half a minute)

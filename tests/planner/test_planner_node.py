@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import Point, Quaternion
 from microhand_msgs_py.msg import ErrorCode, PlanOptions
 from microhand_msgs_py.srv import ListObjects, PlanRotation, ValidatePlan
 from rclpy.executors import SingleThreadedExecutor
@@ -91,6 +91,32 @@ def test_a_plan_reaches_its_goal_and_passes_the_check(ask):
     assert answer.plan.options.friction == 0.3
     verdict = ask(ValidatePlan.Request(plan=answer.plan))
     assert (verdict.error_code, verdict.error_msg, verdict.step) == (0, '', -1)
+
+
+def test_a_plan_continues_from_the_fingers_that_hold_the_object(ask):
+    """With start_tips, the plan begins where the last one ended, with the same fingers."""
+    first = ask(turn(0, 60, 0)).plan
+    last = first.steps[-1]
+    tips = np.reshape(last.tip_positions[-9:], (3, 3))
+    tips[~np.array(last.in_contact)] = np.nan
+    request = turn(40, 90, 10, start_pose=first.goal_pose)
+    request.start_tips = [Point(x=x, y=y, z=z) for x, y, z in tips.tolist()]
+    answer = ask(request)
+    assert (answer.error_code, answer.error_msg) == (ErrorCode.SUCCESS, '')
+    begin = answer.plan.steps[0]
+    assert list(begin.in_contact) == list(last.in_contact)
+    np.testing.assert_allclose(
+        np.reshape(begin.tip_positions[:9], (3, 3))[np.array(last.in_contact)],
+        tips[np.array(last.in_contact)],
+        atol=1e-12,
+    )
+    verdict = ask(ValidatePlan.Request(plan=answer.plan))
+    assert (verdict.error_code, verdict.error_msg) == (0, '')
+
+    request.start_tips = request.start_tips[:2]
+    assert ask(request).error_code == ErrorCode.BAD_REQUEST
+    request.start_tips = [Point(x=1e-3), Point(x=-1e-3), Point(x=math.nan)]
+    assert ask(request).error_code == ErrorCode.INADMISSIBLE_CONTACT
 
 
 def test_equal_requests_give_equal_plans(ask):

@@ -18,15 +18,17 @@ import pytest
 from geometry_msgs.msg import Quaternion
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from microhand_msgs_py.msg import ErrorCode, PlanOptions
+from microhand_msgs_py.action import Reorient
+from microhand_msgs_py.msg import ErrorCode, PlanOptions, PlanStep
 from microhand_msgs_py.srv import ListObjects, PlanRotation
+from rclpy.action import ActionClient
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.pose import Pose
 from microhand_planner.core.trajectory import time_steps
-from microhand_planner.ros.conversions import plan_from_msg, pose_to_msg
+from microhand_planner.ros.conversions import plan_from_msg, point_from_um, pose_to_msg
 from microhand_station.client import StationClient, StationError
 from microhand_station.config import Motion, StationConfig, write_config
 from microhand_station.sequencer.approach_path import way_to_start
@@ -236,6 +238,33 @@ def test_a_plan_that_needs_more_travel_is_refused_and_nothing_is_recorded(client
     with pytest.raises(StationError, match=r'finger \d x is at .* µm of its stage; allowed: 0.0'):
         client.execute(answer.plan, 'too_far')
     assert list(station.folder.glob('*/too_far*')) == []
+
+
+def test_reorient_plans_and_moves_and_goes_on_from_where_it_ended(client):
+    """Two goals of `reorient`, the second one begun with the fingers that hold after the first."""
+    reorient = ActionClient(client.node, Reorient, 'sequencer/reorient')
+    assert reorient.wait_for_server(START_S)
+    start, start_tips = Pose(), []
+    for goal in (turn(0, 0, 30), turn(20, 0, 40)):
+        request = Reorient.Goal(object='ellipsoid', start_tips=start_tips)
+        request.start_pose, request.goal_pose = pose_to_msg(start), pose_to_msg(goal)
+        result = finished(finished(reorient.send_goal_async(request)).get_result_async()).result
+        assert (result.error_code, result.error_msg) == (ErrorCode.SUCCESS, '')
+        assert Path(result.record_file).is_file()
+        assert not result.object_judged
+        last = plan_from_msg(result.plan).steps[-1]
+        held = np.where(np.array(last.in_contact)[:, None], last.tip_um[-1], np.nan)
+        start, start_tips = goal, [point_from_um(tip) for tip in held]
+    assert result.plan.steps[0].kind == PlanStep.ROLL
+    reorient.destroy()
+
+
+def finished(future):
+    """Wait for a future that the client's own thread serves."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(START_S), 'no answer'
+    return future.result()
 
 
 def test_two_stations_run_side_by_side_and_names_are_not_shared(client, station, tmp_path):

@@ -7,6 +7,7 @@ Quaternions are ``x y z w`` in messages and ``w x y z`` in the core.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +86,21 @@ def pose_to_msg(pose: Pose) -> PoseMsg:
         position=point_from_um(np.asarray(pose.position_um)),
         orientation=Quaternion(x=x, y=y, z=z, w=w),
     )
+
+
+def tips_from_msg(points: Sequence[Point]) -> FloatArray | None:
+    """Return the tip centres that hold an object, (3, 3) [µm]; NaN: free; None: not given.
+
+    Raises
+    ------
+    BadRequest
+        Neither no point nor one for each finger.
+    """
+    if not points:
+        return None
+    if len(points) != FINGERS:
+        raise BadRequest('start_tips', f'{len(points)} points', f'none, or {FINGERS}')
+    return np.stack([um_from_point(point) for point in points])
 
 
 def options_from_msg(message: PlanOptions) -> tuple[Finger, ContactLaw, SearchOptions]:

@@ -24,10 +24,12 @@ from rclpy.signals import SignalHandlerOptions
 from microhand_planner.core.catalogue import CatalogueEntry, find_part, list_objects
 from microhand_planner.core.errors import MicrohandError
 from microhand_planner.core.force_check import check_forces
-from microhand_planner.core.parameters import check_number
+from microhand_planner.core.parameters import Finger, check_number
+from microhand_planner.core.part import Part
 from microhand_planner.core.plan_check import InvalidStep, check_plan
 from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import angle_between_rad
+from microhand_planner.core.section_curves import SectionCurves, section_curves
 from microhand_planner.ros.conversions import (
     UM_PER_M,
     m_from_um,
@@ -35,9 +37,12 @@ from microhand_planner.ros.conversions import (
     plan_from_msg,
     plan_to_msg,
     pose_from_msg,
+    tips_from_msg,
 )
 from microhand_planner.ros.workers import Workers
 
+KEPT_PARTS = 16
+"""Parts whose sections are kept for further requests."""
 WORKERS = 2
 """A short request is not kept waiting by one search."""
 
@@ -59,6 +64,7 @@ class PlannerNode(Node):
         self.declare_parameter(
             'frame', 'station', ParameterDescriptor(description='frame_id of plans')
         )
+        self._curves: dict[tuple[str, str, Finger], SectionCurves] = {}
         self._workers: Workers[object] = Workers(self, WORKERS)
         # a coroutine holds its group until it is done: each service has a group of its own
         for kind, name, serve in (
@@ -111,12 +117,28 @@ class PlannerNode(Node):
         finger, law, options = options_from_msg(request.options)
         part = find_part(request.object, unit_um=unit_um, folder=self._catalogue())
         plan = plan_reorientation(
-            part, start, goal, finger, law, options, cancelled=lambda: self._workers.stopping
+            self._geometry(part, finger),
+            start,
+            goal,
+            finger,
+            law,
+            options,
+            start_tip_um=tips_from_msg(request.start_tips),
+            cancelled=lambda: self._workers.stopping,
         )
         response.plan = plan_to_msg(plan, self.get_parameter('frame').value)
         response.plan.header.stamp = self.get_clock().now().to_msg()
         response.goal_error = angle_between_rad(plan.reached.rotation, goal.rotation)
         response.planning_time = time.monotonic() - began_s
+
+    def _geometry(self, part: Part, finger: Finger) -> SectionCurves:
+        """Return where tips can be around a part; the last few are kept."""
+        key = (part.sha256, part.name, finger)
+        if key not in self._curves:
+            while len(self._curves) >= KEPT_PARTS:
+                self._curves.pop(next(iter(self._curves)), None)
+            self._curves[key] = section_curves(part, finger)
+        return self._curves[key]
 
     def _fill_verdict(
         self, request: ValidatePlan.Request, response: ValidatePlan.Response

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.plan_file import write_plan
@@ -22,6 +23,14 @@ from microhand_station.cli.request import request_from, request_options
 @click.argument('object_name', metavar='OBJECT')
 @request_options
 @click.option(
+    '--start-tips-um',
+    nargs=9,
+    type=float,
+    metavar='X1 Y1 Z1 ... Z3',
+    help='Tip centres of fingers 1, 2, 3 that hold the object now, station frame; nan: free.  '
+    '[default: the planner chooses]',
+)
+@click.option(
     '-o',
     '--output',
     type=click.Path(dir_okay=False, path_type=Path),
@@ -29,7 +38,13 @@ from microhand_station.cli.request import request_from, request_options
     help='Write the plan to a file.',
 )
 @json_option
-def plan(object_name: str, output: Path | None, as_json: bool, **options: Any) -> None:
+def plan(
+    object_name: str,
+    start_tips_um: tuple[float, ...] | None,
+    output: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     r"""Plan how three fingers bring OBJECT into another orientation.
 
     OBJECT is a mesh file (STL, OBJ, PLY, ...; in µm unless --unit says otherwise), or the name of
@@ -53,6 +68,7 @@ def plan(object_name: str, output: Path | None, as_json: bool, **options: Any) -
             request.finger,
             request.law,
             request.options,
+            start_tip_um=None if start_tips_um is None else np.reshape(start_tips_um, (3, 3)),
             decomposition=request.rotations,
         )
         if output is not None:

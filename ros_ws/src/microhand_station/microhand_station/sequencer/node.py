@@ -145,6 +145,7 @@ class SequencerNode(Node):
                     start_pose=request.start_pose,
                     goal_pose=request.goal_pose,
                     options=request.options,
+                    start_tips=request.start_tips,
                 ),
                 self._control,
             )

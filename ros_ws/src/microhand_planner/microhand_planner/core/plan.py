@@ -10,7 +10,7 @@ import numpy as np
 
 from microhand_planner.core.errors import InvalidPlan
 from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
-from microhand_planner.core.pose import LENGTH_DIGITS, FloatArray, Pose
+from microhand_planner.core.pose import FARTHEST_UM, LENGTH_DIGITS, FloatArray, Pose
 
 FINGERS = 3
 FORMAT_VERSION = '1.0'
@@ -59,7 +59,8 @@ class Step:
     Raises
     ------
     InvalidPlan
-        Shapes that do not fit together, fewer than two waypoints, or numbers that are not finite.
+        Shapes that do not fit together, fewer than two waypoints, or numbers that are not finite
+        or beyond 10 cm.
     """
 
     kind: StepKind
@@ -91,6 +92,8 @@ class Step:
             expected = np.isfinite(array[:, self.in_contact, :] if name == 'normal' else array)
             if not np.all(expected):
                 raise InvalidPlan(name, 'not finite', 'finite numbers')
+            if np.any(np.abs(array) > FARTHEST_UM):
+                raise InvalidPlan(name, 'too large', f'numbers up to {FARTHEST_UM:g}')
             object.__setattr__(self, name, array)
         if not np.isfinite(self.angle_rad):
             raise InvalidPlan('angle', self.angle_rad, 'a finite number')

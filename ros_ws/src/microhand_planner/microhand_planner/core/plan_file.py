@@ -117,15 +117,14 @@ def plan_from_dict(content: dict[str, Any]) -> Plan:
                 time_limit_s=content['options']['time_limit_s'],
             ),
             steps=tuple(_step_from_dict(step) for step in content['steps']),
-            rotations=tuple(RotationReport(**rotation) for rotation in content['rotations']),
+            rotations=tuple(_rotation_from_dict(rotation) for rotation in content['rotations']),
         )
+        found = plan_hash(plan)
     except MicrohandError:
         raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidPlan(
-            'plan', f'not readable ({type(error).__name__}: {error})', 'the fields of layout 1.x'
-        ) from error
-    found = plan_hash(plan)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        why = ' '.join(f'{type(error).__name__}: {error}'.split())
+        raise InvalidPlan('plan', f'not readable ({why})', 'the fields of layout 1.x') from error
     if content.get('plan_hash') != found:
         raise InvalidPlan(
             'plan_hash', content.get('plan_hash'), f'{found}, the hash of what the file holds'
@@ -161,7 +160,7 @@ def read_plan(path: Path) -> Plan:
         content = json.loads(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise BadRequest('plan', f'{path} ({error.strerror})', 'a readable plan file') from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidPlan('plan', f'{path}: {error}', 'a JSON file of microhand') from error
     if not isinstance(content, dict):
         raise InvalidPlan('plan', f'{path}: {type(content).__name__}', 'a JSON object')
@@ -177,6 +176,17 @@ def _pose_to_dict(pose: Pose) -> dict[str, Any]:
 
 def _pose_from_dict(content: dict[str, Any]) -> Pose:
     return Pose(content['position_um'], content['quaternion_wxyz'])
+
+
+def _rotation_from_dict(content: dict[str, Any]) -> RotationReport:
+    return RotationReport(
+        axis=str(content['axis']),
+        angle_deg=float(content['angle_deg']),
+        cost_deg=float(content['cost_deg']),
+        reconfigurations=int(content['reconfigurations']),
+        expanded=int(content['expanded']),
+        time_s=float(content['time_s']),
+    )
 
 
 def _step_to_dict(step: Step) -> dict[str, Any]:

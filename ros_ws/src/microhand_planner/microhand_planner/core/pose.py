@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from microhand_planner.core.errors import InvalidNumber, InvalidRotation
+from microhand_planner.core.errors import InvalidNumber, InvalidParameter, InvalidRotation
 
 # Lengths of plans are whole picometres: they survive the way through metres and text unchanged.
 LENGTH_DIGITS = 6
+FARTHEST_UM = 1e5  # 10 cm: nothing is farther away in a micro-manipulation station
 
 _UNIT_LENGTH = 1e-12
 
@@ -47,6 +48,8 @@ class Pose:
     ------
     InvalidNumber
         NaN or infinite values.
+    InvalidParameter
+        A position more than 10 cm away.
     InvalidRotation
         A quaternion of zero length or a wrong number of values.
 
@@ -65,6 +68,8 @@ class Pose:
         quaternion = np.array(self.quaternion_wxyz, dtype=np.float64)
         if position.shape != (3,) or not np.all(np.isfinite(position)):
             raise InvalidNumber('position', position.tolist(), 'three finite numbers')
+        if np.max(np.abs(position)) > FARTHEST_UM:
+            raise InvalidParameter('position', position.tolist(), f'up to {FARTHEST_UM:g} um away')
         if quaternion.shape != (4,):
             raise InvalidRotation('quaternion', quaternion.tolist(), 'four numbers w x y z')
         length = float(np.linalg.norm(quaternion))

@@ -21,6 +21,7 @@ from microhand_msgs_py.msg import (
     StageState,
 )
 from microhand_msgs_py.srv import StartRun, StopRun
+from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
 
@@ -71,8 +72,21 @@ class Station:
         self.spin_until(future.done)
         return future.result()
 
+    def meet_recorder(self):
+        """Ask something harmless until it is answered: a fresh node may lose its first answers."""
+        client = self.node.create_client(ListParameters, 'recorder/list_parameters')
+        self.spin_until(client.service_is_ready)
+        while True:
+            future = client.call_async(ListParameters.Request())
+            ask_again_s = time.monotonic() + 1.0
+            self.spin_until(lambda: future.done() or time.monotonic() > ask_again_s)  # noqa: B023
+            if future.done():
+                break
+            client.remove_pending_request(future)
+        self.node.destroy_client(client)
+
     def wait_for_recorder(self):
-        """Wait until the recorder is there and listens to everything."""
+        """Wait until the recorder is there, listens to everything, and answers."""
         publishers = [*self.setpoints, *self.states, self.sequencer]
         self.spin_until(
             lambda: (
@@ -81,6 +95,7 @@ class Station:
                 and all(p.get_subscription_count() for p in publishers)
             )
         )
+        self.meet_recorder()
 
     def close(self):
         """Leave the ROS graph."""

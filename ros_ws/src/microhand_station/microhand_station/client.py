@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,7 @@ from microhand_planner.ros.conversions import (
     pose_to_msg,
 )
 from microhand_station.sequencer.progress import Progress
-from microhand_station.service_call import POLL_S, call
+from microhand_station.service_call import call, greet
 
 STAGE_MISSING = 300
 ANSWER_S = 5.0
@@ -135,6 +134,7 @@ class StationClient:
         """For what else is to be asked of the station; spun by the client."""
         self._plan = self.node.create_client(PlanRotation, 'planner/plan_rotation')
         self._execute = ActionClient(self.node, ExecutePlan, 'sequencer/execute_plan')
+        self._met: set[str] = set()
         self._goal: Any = None
         self._closing = threading.Event()
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -173,8 +173,8 @@ class StationClient:
         RunFailed
             One of them is not, when the time is over.
         """
-        self._wait_for(self._plan.service_is_ready, 'planner', deadline_s)
-        self._wait_for(self._execute.server_is_ready, 'sequencer', deadline_s)
+        for server in ('planner', 'sequencer'):
+            self._meet(server, deadline_s)
 
     def count_nodes(self, name: str) -> int:
         """Return how many nodes of this name, relative to the station, are to be seen."""
@@ -221,7 +221,7 @@ class StationClient:
             goal_pose=pose_to_msg(goal),
             options=options_to_msg(finger or Finger(), law or ContactLaw(), options),
         )
-        self._wait_for(self._plan.service_is_ready, 'planner', ANSWER_S)
+        self._meet('planner', ANSWER_S)
         future = self._plan.call_async(request)
         answer = self._result(future, self._plan.service_is_ready, 'planner')
         if answer.error_code:
@@ -255,7 +255,7 @@ class StationClient:
             if on_progress is not None:
                 on_progress(_progress(message.feedback))
 
-        self._wait_for(self._execute.server_is_ready, 'sequencer', ANSWER_S)
+        self._meet('sequencer', ANSWER_S)
         goal = ExecutePlan.Goal(plan=plan_to_msg(plan), run_name=run_name)
         is_there = self._execute.server_is_ready
         accepted = self._execute.send_goal_async(goal, feedback_callback=tell)
@@ -312,13 +312,17 @@ class StationClient:
         while not self._closing.is_set():
             self._executor.spin_once(timeout_sec=SPIN_S)
 
-    def _wait_for(self, is_there: Callable[[], bool], who: str, deadline_s: float) -> None:
-        """Return when a node is there."""
-        give_up_s = time.monotonic() + deadline_s
-        while not is_there():
-            if time.monotonic() > give_up_s:
-                raise RunFailed(f'the {who} is not there')
-            time.sleep(POLL_S)
+    def _meet(self, server: str, deadline_s: float) -> None:
+        """Return when a node is known to answer this client."""
+        if server not in self._met:
+            greet(
+                self.node,
+                server,
+                deadline_s=deadline_s,
+                who=f'the {server}',
+                missing_code=RunFailed.code,
+            )
+            self._met.add(server)
 
     def _result(self, future: Future, is_there: Callable[[], bool], who: str) -> Any:
         """Wait for an answer as long as the node that owes it is there."""

@@ -7,12 +7,16 @@ import threading
 import time
 from typing import Any
 
+from rcl_interfaces.srv import ListParameters
 from rclpy.client import Client
+from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
 
 POLL_S = 0.02
 """How often a service that is not there yet is looked for [s]."""
+ASK_AGAIN_S = 1.0
+"""A first answer that takes longer than this has been lost [s]."""
 
 
 def call(client: Client, request: Any, *, deadline_s: float, who: str, missing_code: int) -> Any:
@@ -52,3 +56,43 @@ def call(client: Client, request: Any, *, deadline_s: float, who: str, missing_c
             client.remove_pending_request(future)
             raise RunFailed(f'{who} is gone', missing_code)
     return future.result()
+
+
+def greet(node: Node, server: str, *, deadline_s: float, who: str, missing_code: int) -> None:
+    """Return when another node is known to answer this one.
+
+    Right after a process has appeared, its services can look ready while it does not know yet
+    where to send the answers of a client: it serves the request, and the answer is lost for good.
+    So the first question is one that may be asked again. Endpoints are announced in the order in
+    which they were made: an answer to the youngest client proves the older ones of the node.
+
+    Parameters
+    ----------
+    node : Node
+        Has the clients that will be used; spun by another thread.
+    server : str
+        Name of the other node, relative to the namespace.
+    deadline_s, who, missing_code
+        As in `call`.
+
+    Raises
+    ------
+    RunFailed
+        The other node does not answer in time.
+    """
+    give_up_s = time.monotonic() + deadline_s
+    client = node.create_client(ListParameters, f'{server}/list_parameters')
+    try:
+        while time.monotonic() < give_up_s:
+            if not client.service_is_ready():
+                time.sleep(POLL_S)
+                continue
+            answered = threading.Event()
+            future = client.call_async(ListParameters.Request())
+            future.add_done_callback(lambda _, answered=answered: answered.set())
+            if answered.wait(ASK_AGAIN_S):
+                return
+            client.remove_pending_request(future)
+    finally:
+        node.destroy_client(client)
+    raise RunFailed(f'{who} is not there', missing_code)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 from microhand_msgs_py.msg import Plan
 from microhand_msgs_py.srv import PlanRotation
@@ -12,7 +11,7 @@ from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
 from microhand_station.sequencer.run_control import RunControl
-from microhand_station.service_call import POLL_S
+from microhand_station.service_call import POLL_S, greet
 
 FIND_S = 2.0
 """Longest wait for the planner to be there [s]."""
@@ -28,6 +27,7 @@ class PlannerLink:
     """
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self._client = node.create_client(PlanRotation, 'planner/plan_rotation')
 
     def plan(self, request: PlanRotation.Request, control: RunControl) -> Plan:
@@ -38,12 +38,14 @@ class PlannerLink:
         RunFailed
             What the planner says, CANCELLED, or that the planner is gone.
         """
-        give_up_s = time.monotonic() + FIND_S
-        while not self._client.service_is_ready():
-            control.check_orders()
-            if time.monotonic() > give_up_s:
-                raise RunFailed('the planner is not there')
-            control.wait(time.monotonic() + POLL_S)
+        control.check_orders()
+        greet(
+            self._node,
+            'planner',
+            deadline_s=FIND_S,
+            who='the planner',
+            missing_code=RunFailed.code,
+        )
         answered = threading.Event()
         future = self._client.call_async(request)
         future.add_done_callback(lambda _: answered.set())

@@ -12,7 +12,7 @@ from microhand_msgs_py.srv import StartRun, StopRun
 from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
-from microhand_station.service_call import call
+from microhand_station.service_call import call, greet
 
 RECORDER_MISSING = 304
 
@@ -27,6 +27,7 @@ class RecorderLink:
     """
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self._start = node.create_client(StartRun, 'recorder/start_run')
         self._stop = node.create_client(StopRun, 'recorder/stop_run')
 
@@ -38,6 +39,13 @@ class RecorderLink:
         RunFailed
             RECORDER_MISSING, or what the recorder says.
         """
+        greet(
+            self._node,
+            'recorder',
+            deadline_s=deadline_s,
+            who='the recorder',
+            missing_code=RECORDER_MISSING,
+        )
         answer = call(
             self._start,
             StartRun.Request(name=name, metadata_json=json.dumps(metadata), plan=plan),

@@ -31,7 +31,6 @@ _FULL_TURN = 2.0 * math.pi
 _SAME = 1e-9  # two tracks or angles closer than this share of a step are one
 _LARGEST_GAP_RAD = math.radians(2.0)  # between two samples at which a roll is checked
 _NANODEGREES = 1e9
-_FEWEST_CONTACTS = 4
 
 
 @dataclass(frozen=True)
@@ -128,18 +127,11 @@ def rotation_lattice(
     Raises
     ------
     InvalidParameter
-        In paper mode, an angle that is no multiple of the step; a section too small for the tip.
+        In paper mode, an angle that is no multiple of the step.
     """
     paper = options.mode is Mode.PAPER
     exact = curve.length_rad / options.step_rad
     contacts = round(exact) if paper else math.ceil(exact - _SAME)
-    if contacts < _FEWEST_CONTACTS:
-        raise InvalidParameter(
-            'step-deg',
-            f'{math.degrees(options.step_rad):g}',
-            f'a step that leaves at least {_FEWEST_CONTACTS} contacts on the section '
-            f'(its turn is {math.degrees(curve.length_rad):.0f} deg)',
-        )
     spacing_rad = curve.length_rad / contacts
     step_rad = options.step_rad if paper else spacing_rad
 

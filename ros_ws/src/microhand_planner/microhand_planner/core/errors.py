@@ -25,6 +25,8 @@
 
 from __future__ import annotations
 
+_LONGEST_VALUE = 200  # characters of a value at fault that a message shows
+
 
 class MicrohandError(Exception):
     """Root of all errors that microhand raises on purpose."""
@@ -50,7 +52,10 @@ class BadRequest(MicrohandError):
     exit_status = 2
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        super().__init__(f'{field} is {value}; allowed: {allowed}')
+        shown = ' '.join(str(value).split())
+        if len(shown) > _LONGEST_VALUE:
+            shown = f'{shown[: _LONGEST_VALUE - 1]}…'
+        super().__init__(f'{field} is {shown}; allowed: {allowed}')
         self.field = field
         self.value = value
         self.allowed = allowed

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from microhand_planner.core.errors import BadRequest, InvalidParameter
+from microhand_planner.core.errors import BadRequest, InvalidNumber, InvalidParameter
 from microhand_planner.core.parameters import ContactLaw, Finger, check_number
 
 Node = tuple[int, int, int, int]
@@ -127,7 +127,10 @@ def _numbers(content: dict[str, Any], key: str, count: int) -> list[float]:
         isinstance(number, int | float) and not isinstance(number, bool) for number in values
     ):
         raise InvalidParameter(key, value, 'a number' if count == 1 else f'{count} numbers')
-    return [float(number) for number in values]
+    try:
+        return [float(number) for number in values]
+    except OverflowError as error:
+        raise InvalidNumber(key, value, 'a number that is not that large') from error
 
 
 def _whole(content: dict[str, Any], key: str, count: int) -> list[int]:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from microhand_planner.core.errors import InadmissibleContact, InvalidParameter
 from microhand_planner.core.offset_curve import OffsetCurve
-from microhand_planner.core.pose import FloatArray, Pose
+from microhand_planner.core.pose import FARTHEST_UM, FloatArray, Pose
 
 _TOLERANCE_UM = 0.1
 _SEEDS = 720  # phases tried before the nearest is refined
@@ -57,7 +57,7 @@ def start_grasp(tip_um: FloatArray, pose: Pose, curves: Mapping[str, OffsetCurve
     Raises
     ------
     InvalidParameter
-        Not exactly two fingers are placed.
+        Not exactly two fingers are placed, or one is farther away than 10 cm.
     InadmissibleContact
         The tips do not touch the object in one of its section planes, within 0.1 µm.
     """
@@ -69,6 +69,8 @@ def start_grasp(tip_um: FloatArray, pose: Pose, curves: Mapping[str, OffsetCurve
             tip_um.tolist(),
             'three positions, of which one is NaN: its finger is free',
         )
+    if np.max(np.abs(tip_um[placed])) > FARTHEST_UM:
+        raise InvalidParameter('start-tips', tip_um.tolist(), f'up to {FARTHEST_UM:g} um away')
     in_object_um = pose.rotation.inv().apply(tip_um[placed] - np.asarray(pose.position_um))
     misses_um = []
     for axis, curve in curves.items():

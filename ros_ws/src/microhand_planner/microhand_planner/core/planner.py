@@ -21,11 +21,9 @@ from microhand_planner.core.rotation_sequence import cheapest_sequence
 from microhand_planner.core.search_state import NDEG
 from microhand_planner.core.section_curves import SectionCurves, section_curves
 from microhand_planner.core.start_grasp import start_grasp
-from microhand_planner.core.tip_clearance import distance_to_part
 from microhand_planner.core.transfer import waiting_radius_um
 
 _SAME_ROTATION_RAD = 1e-9
-_TOUCH_UM = 0.05  # facets may stand this far out of the smooth outline that the tip follows
 
 
 def plan_reorientation(
@@ -113,17 +111,13 @@ def plan_reorientation(
             choices, geometry.curves, Problem(finger, law, options, clock, interrupt), held
         )
 
-    def blocked(centres_um: FloatArray) -> bool:
-        near_um = distance_to_part(centres_um, geometry.part, finger.radius_um)
-        return bool(np.any(near_um < finger.radius_um - _TOUCH_UM))
-
     steps = finger_motions(
         sequence,
         start,
         goal,
         finger,
         waiting_radius_um(geometry.bounding_radius_um, finger),
-        blocked,
+        geometry.touches,
         held=held is not None,
     )
     return Plan(

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from microhand_planner.core.decomposition import PlanarRotation
-from microhand_planner.core.errors import NoPlanExists
+from microhand_planner.core.errors import NoPlan, NoPlanExists
 from microhand_planner.core.offset_curve import OffsetCurve
 from microhand_planner.core.planned_rotation import (
     Phases,
@@ -73,9 +73,13 @@ def cheapest_sequence(
         key = (part, begin, end)
         planned, below_ndeg = solved.get(key, (None, -1))
         if planned is None and below_ndeg < bound_ndeg:
-            planned, effort = plan_planar_rotation(
-                part, curves[part.axis], problem, begin, end, bound_ndeg
-            )
+            try:
+                planned, effort = plan_planar_rotation(
+                    part, curves[part.axis], problem, begin, end, bound_ndeg
+                )
+            except NoPlan as error:
+                error.expanded += expanded  # the searches before it count, too
+                raise
             expanded += effort
             solved[key] = (planned, bound_ndeg)
         return planned if planned is not None and planned.cost_ndeg < bound_ndeg else None

@@ -167,6 +167,30 @@ def test_robust_mode_costs_what_dijkstra_on_the_whole_graph_costs(adhesion, coun
     assert 0.3 * count < solved < count, 'the cases do not try both answers'
 
 
+def test_backward_search_removes_the_finger_that_leaves():
+    """With a free start and a narrow grasp as goal, regrasps are needed, and cost what they must.
+
+    The planner searches backward in time there, where placements and removals change places.
+    """
+    rng = np.random.default_rng(505)
+    regrasped = 0
+    for _ in range(12):
+        shape = Ellipse(rng.uniform(10.0, 13.0), rng.uniform(3.0, 5.0), 4.5)
+        law = ContactLaw(friction=rng.uniform(1.0, 2.0), max_force_uN=rng.uniform(0.5, 5.0))
+        angle_rad = rng.choice([-1.0, 1.0]) * rng.uniform(5.0, 2 * math.pi)
+        gap = rng.uniform(2.1, 2.35)  # too narrow to roll around the pointed ends
+        first = shape.turn_rad / 4 - gap / 2 + rng.uniform(-0.3, 0.3)
+        case = (shape, Finger(), law, math.radians(90.0), angle_rad, [None, (first, first + gap)])
+        found = search(*case[:3], SearchOptions(case[3]), *case[4:])
+        expected = dijkstra_cost_of_rotation(*case)
+        assert (found is None) == (expected is None), case
+        if expected is not None:
+            assert found.cost_ndeg / NDEG == pytest.approx(expected, abs=1e-5), case
+            regrasped += found.reconfigurations > 0
+            assert recheck(shape, law, Finger(), path_of(found)) == pytest.approx(expected)
+    assert regrasped >= 3, 'the cases need no regrasp'
+
+
 # ---------------------------------------------------------------- every edge of a path
 
 

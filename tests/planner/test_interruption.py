@@ -22,6 +22,9 @@ from microhand_planner.core.search_result import Outcome
 from microhand_planner.core.section import XY_PLANE
 
 
+SOON_S = 20.0  # deadline of a wait
+
+
 class Steps:
     """A clock that shows one second more each time that it is read."""
 

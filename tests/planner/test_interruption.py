@@ -21,7 +21,6 @@ from microhand_planner.core.planned_rotation import Problem, plan_planar_rotatio
 from microhand_planner.core.search_result import Outcome
 from microhand_planner.core.section import XY_PLANE
 
-
 SOON_S = 20.0  # deadline of a wait
 
 

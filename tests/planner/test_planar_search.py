@@ -191,6 +191,35 @@ def test_backward_search_removes_the_finger_that_leaves():
     assert regrasped >= 3, 'the cases need no regrasp'
 
 
+@pytest.mark.parametrize('axes_um', [(7.0, 5.0), (9.0, 6.0), (12.0, 10.0)])
+def test_a_grasp_that_slips_half_way_does_not_roll(axes_um):
+    """Without adhesion a roll is refused if its ends hold but not the steepest point between.
+
+    The friction is 97 % of what two opposite fingers need at the steepest point of the ellipse.
+    """
+    shape = Ellipse(*axes_um, 4.5)
+    half = shape.turn_rad / 2
+    phases = np.linspace(0.0, half / 2, 401)
+    one, other = shape.at(phases), shape.at(phases + half)
+    line = other[0] - one[0]
+    cosine = -np.einsum('ij,ij->i', one[1], line) / np.linalg.norm(line, axis=1)
+    steepest = int(np.argmin(cosine))
+    needed = math.tan(math.acos(cosine[steepest]))
+    angle_rad = math.radians(80.0)
+    first = phases[steepest] + angle_rad / 2
+    ends = [(first, first + half), None]
+    costs = []
+    for friction in (0.97 * needed, 1.03 * needed):
+        law = ContactLaw(friction=friction, adhesion=False)
+        case = (shape, Finger(), law, angle_rad, angle_rad, ends)
+        found = search(*case[:3], SearchOptions(angle_rad), *case[4:])
+        costs.append(found and found.cost_ndeg / NDEG)
+        expected = dijkstra_cost_of_rotation(*case)
+        assert costs[-1] == (expected and pytest.approx(expected, abs=1e-5))
+    assert costs[0] is None or costs[0] > 160.0 + 300.0
+    assert costs[1] == pytest.approx(160.0)
+
+
 # ---------------------------------------------------------------- every edge of a path
 
 

@@ -110,8 +110,11 @@ def test_the_hash_sees_every_number_that_matters(plan):
     """A change of one picometre, or of any setting, is another plan."""
     tip_um = np.array(plan.steps[1].tip_um)
     tip_um[3, 1, 2] += 1e-6
+    normal = np.array(plan.steps[1].normal)
+    normal[2, np.flatnonzero(plan.steps[1].in_contact)[0], 1] += 1e-11
     others = [
         spoiled(plan, tip_um=tip_um),
+        spoiled(plan, normal=normal),
         spoiled(plan, finger=3),
         spoiled(plan, angle_rad=plan.steps[1].angle_rad + 1e-6),
         dataclasses.replace(plan, object_sha256='0' * 64),

@@ -191,6 +191,18 @@ def test_backward_search_removes_the_finger_that_leaves():
     assert regrasped >= 3, 'the cases need no regrasp'
 
 
+@pytest.mark.parametrize('angle_deg', [110.0, 160.0, 250.0])
+@pytest.mark.parametrize(('axes_um', 'friction'), [((7.0, 5.0), 0.274), ((9.0, 6.0), 0.333)])
+def test_free_ends_may_be_any_grasps(axes_um, friction, angle_deg):
+    """The firmest grasp to begin with is not the one that rolls farthest: all count."""
+    law = ContactLaw(friction=friction, adhesion=False)
+    step_rad, angle_rad = math.radians(45.0), math.radians(angle_deg)
+    case = (Ellipse(*axes_um, 4.5), Finger(), law, step_rad, angle_rad, [None, None])
+    found = search(*case[:3], SearchOptions(step_rad), *case[4:])
+    expected = dijkstra_cost_of_rotation(*case)
+    assert (found and found.cost_ndeg / NDEG) == (expected and pytest.approx(expected, abs=1e-5))
+
+
 @pytest.mark.parametrize('axes_um', [(7.0, 5.0), (9.0, 6.0), (12.0, 10.0)])
 def test_a_grasp_that_slips_half_way_does_not_roll(axes_um):
     """Without adhesion a roll is refused if its ends hold but not the steepest point between.

@@ -82,11 +82,14 @@ def test_the_papers_rotation_is_impossible_without_adhesion():
     assert caught.value.expanded > 100
 
 
-@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize('seed', [0, 4, 8, 11])
 def test_the_whole_is_as_cheap_as_the_cheapest_decomposition_alone(seed):
-    """Planned together or one by one, the best of all decompositions is the same."""
-    curves = curves_of((18.0, 11.0, 13.0), 4.5)
-    problem = problem_of(SearchOptions())
+    """Planned together or one by one, the best of all decompositions is the same.
+
+    Here it is not the gentlest one, so that bounds which cut off too much would show.
+    """
+    curves = curves_of((25.0, 14.0, 10.0), 4.5)
+    problem = problem_of(SearchOptions(), ContactLaw(friction=0.4))
     choices = decompositions(Rotation.random(random_state=seed))
     together = total_deg(cheapest_sequence(choices, curves, problem))
     alone = []
@@ -97,7 +100,7 @@ def test_the_whole_is_as_cheap_as_the_cheapest_decomposition_alone(seed):
             alone.append(math.inf)
     assert len(choices) == 16
     assert together == min(alone)
-    assert max(alone) > min(alone), 'the choice does not matter here'
+    assert min(alone) < alone[0], 'the first is the best: nothing is shown'
 
 
 def small_graph(axis, angle_deg, begins_on_joints, ends_on_joints, law):

@@ -22,10 +22,12 @@ from microhand_planner.core.planned_rotation import (
     plan_planar_rotation,
 )
 from microhand_planner.core.search_result import NO_BOUND
-from microhand_planner.core.search_state import ABSENT, NDEG
+from microhand_planner.core.search_state import ABSENT, NDEG, RECONFIGURATION_NDEG
 from microhand_planner.core.start_grasp import StartGrasp
 
 Decomposition = Sequence[PlanarRotation]
+
+_FEWEST_FROM_JOINT_TO_JOINT = 4
 
 
 def cheapest_sequence(
@@ -86,8 +88,9 @@ def cheapest_sequence(
 
     if start is not None:
         decompositions = [_from_plane_of(start, parts) for parts in decompositions]
-    for parts in sorted(decompositions, key=_least_cost_ndeg):
-        left_ndeg = _least_cost_ndeg(parts)
+    choices = [(_least_costs_ndeg(parts, curves, problem), parts) for parts in decompositions]
+    for least_ndeg, parts in sorted(choices, key=lambda choice: sum(choice[0])):
+        left_ndeg = sum(least_ndeg)
         if left_ndeg >= best_ndeg:
             break
         sequence: list[PlannedRotation] = []
@@ -97,7 +100,7 @@ def cheapest_sequence(
             given = None if start is None else start.phase_rad
             begin = joints if index > 0 else given
             end = joints if index < len(parts) - 1 else None
-            left_ndeg -= _least_cost_ndeg([part])
+            left_ndeg -= least_ndeg[index]
             bound_ndeg = best_ndeg - spent_ndeg - left_ndeg
             planned = solve(part, begin, end, bound_ndeg) if bound_ndeg > 0 else None
             if planned is None:
@@ -137,9 +140,26 @@ def _held_as(start: StartGrasp, planned: PlannedRotation) -> PlannedRotation:
     return planned.renamed((order[0], order[1], order[2]))
 
 
-def _least_cost_ndeg(parts: Decomposition) -> int:
-    """Return what two rolling fingers cost: no motion is cheaper."""
-    return sum(round(2.0 * abs(np.degrees(part.angle_rad)) * NDEG) for part in parts)
+def _least_costs_ndeg(
+    parts: Decomposition, curves: Mapping[str, OffsetCurve], problem: Problem
+) -> list[int]:
+    """Return for each rotation a cost that no motion undercuts.
+
+    Two fingers roll all the way. A rotation from joints to joints needs four placements and
+    removals besides, unless rolling alone brings a finger from a joint to a joint
+    ([Kumar2021] Table 1); a finger that comes as near as two steps is given the benefit of doubt.
+    """
+    least_ndeg = []
+    for index, part in enumerate(parts):
+        cost_ndeg = round(2.0 * abs(np.degrees(part.angle_rad)) * NDEG)
+        if 0 < index < len(parts) - 1:
+            curve = curves[part.axis]
+            joints = np.array([0.0, curve.phase_of_joint_j])
+            ahead = (joints[:, None] - joints - part.angle_rad) % curve.length_rad
+            if np.min(np.minimum(ahead, curve.length_rad - ahead)) > 2 * problem.options.step_rad:
+                cost_ndeg += _FEWEST_FROM_JOINT_TO_JOINT * RECONFIGURATION_NDEG
+        least_ndeg.append(cost_ndeg)
+    return least_ndeg
 
 
 def _continued(sequence: Sequence[PlannedRotation]) -> tuple[PlannedRotation, ...]:

@@ -77,14 +77,16 @@ def named_fingers(states: IntArray) -> IntArray:
         The same path; fingers 1 and 2 hold the first grasp, and a free finger is placed wherever
         a track is new.
     """
-    named = states.copy()
-    for before, now in itertools.pairwise(named):
-        tracks = set(now[:3].tolist()) - {ABSENT}
-        held = np.where(np.isin(before[:3], list(tracks)), before[:3], ABSENT)
-        new = sorted(tracks - set(held.tolist()))
-        free = [finger for finger in range(3) if before[finger] == ABSENT]
+    rows = states.tolist()
+    for before, now in itertools.pairwise(rows):
+        tracks = set(now[:3]) - {ABSENT}
+        held = [track if track in tracks else ABSENT for track in before[:3]]
+        new = sorted(tracks.difference(held))
+        for finger in range(3):
+            if before[finger] == ABSENT and new:
+                held[finger] = new.pop(0)
         now[:3] = held
-        now[free[: len(new)]] = new
+    named = np.array(rows, dtype=np.int64)
     named.setflags(write=False)
     return named
 

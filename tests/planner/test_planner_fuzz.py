@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from microhand_planner.core.analytic_sections import ellipse_section
@@ -247,7 +247,12 @@ nothing = st.just({})
 spoil = nothing | nothing | st.dictionaries(st.sampled_from(sorted(RANGES)), weird, max_size=2)
 
 
-@settings(derandomize=True, max_examples=120, deadline=None)
+@settings(
+    derandomize=True,
+    max_examples=120,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no fault of the planner
+)
 @given(sound, spoil, st.booleans(), st.sampled_from(Mode))
 def test_requests_end_in_a_plan_or_in_words(request_, changes, adhesion, mode):
     """Numbers of any kind: a plan that passes the check, 'no plan', or the field at fault."""

@@ -16,7 +16,7 @@ import numba as nb
 import numpy as np
 
 from microhand_planner.core.grasp import pair_presses, triple_presses
-from microhand_planner.core.parameters import ContactLaw, Finger
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice
 from microhand_planner.core.search_field import SearchField, clear_of, search_field
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
@@ -49,6 +49,7 @@ def graph_search(
     reverse: bool = False,
     bound_ndeg: int = NO_BOUND,
     interrupt: IntArray | None = None,
+    rules: GripRules | None = None,
 ) -> SearchResult:
     """Find the cheapest sequence of rolls, placements and removals; see `swap_search`.
 
@@ -75,7 +76,7 @@ def graph_search(
     """
     begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
     outcome, cost, keys, expanded = _search(
-        search_field(lattice, finger, law),
+        search_field(lattice, finger, law, rules),
         np.asarray(starts, dtype=np.int64).reshape(-1, 3),
         begin,
         sorted_grasp(goal) if interchangeable else goal,

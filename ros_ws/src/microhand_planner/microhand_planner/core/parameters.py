@@ -122,6 +122,38 @@ class Finger:
 
 
 @dataclass(frozen=True)
+class GripRules:
+    """How firmly fingers hold: the margins that robust plans keep.
+
+    A real contact has less friction than its data sheet says, and a position-controlled finger
+    is a spring: grip forces must be planned, and planned with less friction than there is.
+
+    Parameters
+    ----------
+    margin_factor : float
+        Removals are planned with this share of the friction.
+    roll_factor : float
+        Rolling grips are planned with this share of the friction.
+    least_margin_uN : float
+        Distance to slipping, detaching and overload that a removal keeps, as a force [µN].
+    nominal_grip_uN : float
+        Grip while rolling, wherever the contacts allow as much [µN].
+    """
+
+    margin_factor: float = 0.8
+    roll_factor: float = 0.6
+    least_margin_uN: float = 0.05
+    nominal_grip_uN: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_number('margin', self.margin_factor, low=0.0, high=1.0, low_open=True)
+        check_number('roll-margin', self.roll_factor, low=0.0, high=1.0, low_open=True)
+        check_number('least-margin', self.least_margin_uN, low=0.0, high=1e3)
+        check_number('grip', self.nominal_grip_uN, low=0.0, high=1e4)
+
+
+@dataclass(frozen=True)
 class SearchOptions:
     """How finely and how long to search.
 

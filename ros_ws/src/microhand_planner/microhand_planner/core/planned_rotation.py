@@ -18,7 +18,7 @@ from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.errors import Cancelled, TimeLimitReached
 from microhand_planner.core.graph_search import graph_search
 from microhand_planner.core.offset_curve import OffsetCurve
-from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice, rotation_lattice
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
 from microhand_planner.core.search_state import ABSENT, ANY_GRASP, Grasp
@@ -85,6 +85,8 @@ class Problem:
         Current time [s].
     interrupt : (1,) int64
         See `interruption`.
+    rules : GripRules or None
+        Margins that removals keep; None: [Kumar2021] Eq. 4 alone.
     """
 
     finger: Finger
@@ -92,6 +94,7 @@ class Problem:
     options: SearchOptions
     clock: Callable[[], float]
     interrupt: IntArray
+    rules: GripRules | None = None
 
 
 def plan_planar_rotation(
@@ -155,6 +158,7 @@ def plan_planar_rotation(
         reverse=backward,
         bound_ndeg=bound_ndeg,
         interrupt=problem.interrupt,
+        rules=problem.rules,
     )
     _raise_if_interrupted(result, part, problem)
     if result.outcome is not Outcome.FOUND:

@@ -12,7 +12,7 @@ from microhand_planner.core.decomposition import PlanarRotation, decompositions
 from microhand_planner.core.errors import InvalidRotation
 from microhand_planner.core.finger_motions import finger_motions
 from microhand_planner.core.interruption import interruption
-from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import Plan, RotationReport
 from microhand_planner.core.planned_rotation import PlannedRotation, Problem
@@ -33,6 +33,7 @@ def plan_reorientation(
     finger: Finger,
     law: ContactLaw,
     options: SearchOptions,
+    rules: GripRules = GripRules(),
     *,
     start_tip_um: FloatArray | None = None,
     decomposition: Sequence[PlanarRotation] | None = None,
@@ -54,6 +55,8 @@ def plan_reorientation(
         Friction and adhesion.
     options : SearchOptions
         Step, mode, time limit.
+    rules : GripRules
+        Margins that plans in robust mode keep.
     start_tip_um : (3, 3) float, optional
         Tip centres of the fingers that hold the object at the start, station frame [µm]; NaN for
         the free finger. By default the planner chooses the first grasp.
@@ -103,12 +106,16 @@ def plan_reorientation(
             )
     # no rotation at all is a rotation by zero: the object must be grasped all the same
     choices = tuple(choice or (PlanarRotation('z', 0.0),) for choice in choices)
+    margins = rules if options.mode is Mode.ROBUST else None
     held = None
     if start_tip_um is not None:
         held = start_grasp(start_tip_um, start, geometry.curves)
     with interruption(options.time_limit_s, cancelled, clock) as interrupt:
         sequence = cheapest_sequence(
-            choices, geometry.curves, Problem(finger, law, options, clock, interrupt), held
+            choices,
+            geometry.curves,
+            Problem(finger, law, options, clock, interrupt, margins),
+            held,
         )
 
     steps = finger_motions(

@@ -16,7 +16,7 @@ from microhand_planner.core.pose import FloatArray
 
 
 @nb.njit(cache=True, inline='always')
-def _narrow(
+def narrow(
     low: float, high: float, slope: float, offset: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
     """Intersect ``[low, high]`` with ``{F : slope F + offset >= 0}``."""
@@ -27,6 +27,53 @@ def _narrow(
     if offset < -1e-12:
         return 1.0, -1.0
     return low, high
+
+
+@nb.njit(cache=True)
+def contact_lines(
+    stay_um: FloatArray,
+    stay_normal: FloatArray,
+    leave_um: FloatArray,
+    leave_normal: FloatArray,
+    pull_off_uN: float,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return what the pull of a leaving finger does to the two contacts that stay.
+
+    The pull ``pull_off * n`` is answered by the response of two equal springs, and a grip force F
+    along the line between the contacts is added to it; so every component is linear in F.
+
+    Returns
+    -------
+    (2, 4) float
+        For each contact the normal force, pressing > 0, and the tangential force in response to
+        the pull [µN], and the same two per unit of F. NaN: the two contacts are one.
+    """
+    lines = np.full((2, 4), np.nan)
+    line_x = stay_um[1, 0] - stay_um[0, 0]
+    line_y = stay_um[1, 1] - stay_um[0, 1]
+    length = math.sqrt(line_x * line_x + line_y * line_y)
+    if length < 1e-9:
+        return lines
+    line_x /= length
+    line_y /= length
+    pull_x = pull_off_uN * leave_normal[0]
+    pull_y = pull_off_uN * leave_normal[1]
+    arm_x = leave_um[0] - 0.5 * (stay_um[0, 0] + stay_um[1, 0])
+    arm_y = leave_um[1] - 0.5 * (stay_um[0, 1] + stay_um[1, 1])
+    couple = (arm_x * pull_y - arm_y * pull_x) / length
+    for contact in range(2):
+        sign = 1.0 - 2.0 * contact
+        base_x = -0.5 * pull_x - sign * couple * line_y
+        base_y = -0.5 * pull_y + sign * couple * line_x
+        grip_x = sign * line_x
+        grip_y = sign * line_y
+        normal_x = stay_normal[contact, 0]
+        normal_y = stay_normal[contact, 1]
+        lines[contact, 0] = -(base_x * normal_x + base_y * normal_y)
+        lines[contact, 1] = base_y * normal_x - base_x * normal_y
+        lines[contact, 2] = -(grip_x * normal_x + grip_y * normal_y)
+        lines[contact, 3] = grip_y * normal_x - grip_x * normal_y
+    return lines
 
 
 @nb.njit(cache=True)
@@ -71,38 +118,18 @@ def grip_window_uN(
     >>> round(low, 6), round(high, 6)
     (1.0, 30.0)
     """
-    line_x = stay_um[1, 0] - stay_um[0, 0]
-    line_y = stay_um[1, 1] - stay_um[0, 1]
-    length = math.sqrt(line_x * line_x + line_y * line_y)
-    if length < 1e-9:
+    lines = contact_lines(stay_um, stay_normal, leave_um, leave_normal, pull_off_uN)
+    if math.isnan(lines[0, 0]):
         return 1.0, -1.0
-    line_x /= length
-    line_y /= length
-    pull_x = pull_off_uN * leave_normal[0]
-    pull_y = pull_off_uN * leave_normal[1]
-    arm_x = leave_um[0] - 0.5 * (stay_um[0, 0] + stay_um[1, 0])
-    arm_y = leave_um[1] - 0.5 * (stay_um[0, 1] + stay_um[1, 1])
-    couple = (arm_x * pull_y - arm_y * pull_x) / length
     low, high = -math.inf, math.inf
     for contact in range(2):
-        sign = 1.0 - 2.0 * contact
-        # response to the pull (constant), and the direction in which the grip force acts (slope)
-        base_x = -0.5 * pull_x - sign * couple * line_y
-        base_y = -0.5 * pull_y + sign * couple * line_x
-        grip_x = sign * line_x
-        grip_y = sign * line_y
-        normal_x = stay_normal[contact, 0]
-        normal_y = stay_normal[contact, 1]
-        normal_base = -(base_x * normal_x + base_y * normal_y)
-        normal_slope = -(grip_x * normal_x + grip_y * normal_y)
-        tangent_base = base_y * normal_x - base_x * normal_y
-        tangent_slope = grip_y * normal_x - grip_x * normal_y
-        low, high = _narrow(low, high, normal_slope, normal_base)
-        low, high = _narrow(low, high, -normal_slope, max_force_uN - normal_base)
+        normal_base, tangent_base, normal_slope, tangent_slope = lines[contact]
+        low, high = narrow(low, high, normal_slope, normal_base)
+        low, high = narrow(low, high, -normal_slope, max_force_uN - normal_base)
         cone_base = friction * (normal_base + pull_off_uN)
         cone_slope = friction * normal_slope
-        low, high = _narrow(low, high, cone_slope - tangent_slope, cone_base - tangent_base)
-        low, high = _narrow(low, high, cone_slope + tangent_slope, cone_base + tangent_base)
+        low, high = narrow(low, high, cone_slope - tangent_slope, cone_base - tangent_base)
+        low, high = narrow(low, high, cone_slope + tangent_slope, cone_base + tangent_base)
         if low > high:
             return 1.0, -1.0
     return low, high

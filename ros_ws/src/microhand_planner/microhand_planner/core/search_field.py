@@ -9,8 +9,9 @@ import numba as nb
 import numpy as np
 
 from microhand_planner.core.grasp import tips_clear
-from microhand_planner.core.parameters import ContactLaw, Finger
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
 from microhand_planner.core.pose import FloatArray
+from microhand_planner.core.preload import preload_window_uN
 from microhand_planner.core.removal import grip_window_uN
 from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
 
@@ -30,10 +31,14 @@ class SearchField(NamedTuple):
     friction: float
     pull_off_uN: float
     max_force_uN: float
+    planned_grip: bool
+    margin_uN: float
 
 
-def search_field(lattice: RotationLattice, finger: Finger, law: ContactLaw) -> SearchField:
-    """Return what the compiled searches need to know."""
+def search_field(
+    lattice: RotationLattice, finger: Finger, law: ContactLaw, rules: GripRules | None
+) -> SearchField:
+    """Return what the compiled searches need to know; without `rules` as [Kumar2021] has it."""
     return SearchField(
         lattice.sample_of,
         lattice.theta_ndeg,
@@ -44,9 +49,11 @@ def search_field(lattice: RotationLattice, finger: Finger, law: ContactLaw) -> S
         lattice.normal,
         lattice.usable,
         finger.min_distance_um,
-        law.friction,
+        law.friction * (1.0 if rules is None else rules.margin_factor),
         law.stick_uN,
         law.max_force_uN,
+        rules is not None,
+        0.0 if rules is None else rules.least_margin_uN,
     )
 
 
@@ -91,6 +98,18 @@ def lets_go(
     both_um[1] = field.contact_um[keep]
     both_normal[0] = field.normal[stay]
     both_normal[1] = field.normal[keep]
+    if field.planned_grip:
+        low, high = preload_window_uN(
+            both_um,
+            both_normal,
+            field.contact_um[leave],
+            field.normal[leave],
+            field.friction,
+            field.pull_off_uN,
+            field.max_force_uN,
+            field.margin_uN,
+        )
+        return low <= high
     low, high = grip_window_uN(
         both_um,
         both_normal,

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numba as nb
 import numpy as np
 
-from microhand_planner.core.parameters import ContactLaw, Finger
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice
 from microhand_planner.core.search_field import SearchField, clear_of, lets_go, rolls, search_field
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
@@ -55,6 +55,7 @@ def swap_search(
     reverse: bool = False,
     bound_ndeg: int = NO_BOUND,
     interrupt: IntArray | None = None,
+    rules: GripRules | None = None,
 ) -> SearchResult:
     """Find the cheapest sequence of rolls and swaps from one grasp to another.
 
@@ -79,6 +80,8 @@ def swap_search(
         Stop as soon as no path costs less than this [1e-9 deg].
     interrupt : (1,) int64, optional
         Looked at before every expansion; another thread ends the search by writing an `Outcome`.
+    rules : GripRules, optional
+        Margins that removals and rolls keep; by default [Kumar2021] Eq. 4 alone.
 
     Returns
     -------
@@ -86,7 +89,7 @@ def swap_search(
     """
     begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
     outcome, cost, keys, expanded = _search(
-        search_field(lattice, finger, law),
+        search_field(lattice, finger, law, rules),
         np.asarray(starts, dtype=np.int64).reshape(-1, 3),
         begin,
         sorted_grasp(goal) if interchangeable else goal,

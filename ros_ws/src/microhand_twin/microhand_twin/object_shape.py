@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What kind of solid a part is, which decides how MuJoCo is told of its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from microhand_planner.core.part import Part
+from microhand_planner.core.pose import FloatArray, readonly
+
+ELLIPSOID_SHARE = 1e-4
+"""A vertex may lie this far off an ellipsoid, over the smallest semi-axis."""
+FACET_SHARE = 0.02
+"""The middle of a face may lie this far inside it: a cube's corners lie on a sphere, too."""
+HOLLOW_UM = 0.005
+"""A vertex may lie this deep below the convex hull of a convex part [µm]."""
+
+_FEWEST_VERTICES = 40
+_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """A part that is an ellipsoid, to the accuracy of a mesh.
+
+    Parameters
+    ----------
+    centre_um : (3,) float
+        Object frame [µm].
+    semi_axes_um : (3,) float
+        [µm].
+    axes : (3, 3) float
+        Directions of the semi-axes in its columns, right-handed, object frame.
+    """
+
+    centre_um: FloatArray
+    semi_axes_um: FloatArray
+    axes: FloatArray
+
+
+def ellipsoid_of(part: Part) -> Ellipsoid | None:
+    """Return the ellipsoid that a part is, or None if it is none.
+
+    The quadric nearest to the vertices is fitted by least squares. The part is an ellipsoid if every
+    vertex lies within 0.01 % of the smallest semi-axis of it, and the middle of every face
+    within 2 %.
+
+    Parameters
+    ----------
+    part : Part
+        Any part.
+    """
+    vertices_um = part.vertices_um
+    if len(vertices_um) < _FEWEST_VERTICES:
+        return None
+    middle_um = vertices_um.mean(axis=0)
+    scale_um = float(np.abs(vertices_um - middle_um).max())
+    x, y, z = ((vertices_um - middle_um) / scale_um).T
+    terms = np.column_stack([x * x, y * y, z * z, 2 * y * z, 2 * x * z, 2 * x * y, x, y, z])
+    factors, *_ = np.linalg.lstsq(terms, np.ones(len(x)), rcond=None)
+    a, b, c, f, g, h = factors[:6]
+    quadric = np.array([[a, h, g], [h, b, f], [g, f, c]])
+    stretch, axes = np.linalg.eigh(quadric)
+    if stretch.min() <= 0.0:
+        return None
+    centre = -0.5 * np.linalg.solve(quadric, factors[6:])
+    semi_axes = np.sqrt((1.0 + centre @ quadric @ centre) / stretch)
+    axes = _along_coordinates(axes)
+    found = Ellipsoid(
+        readonly(middle_um + scale_um * centre),
+        readonly(scale_um * semi_axes[axes[1]]),
+        readonly(axes[0]),
+    )
+    middles_um = vertices_um[part.faces].mean(axis=1)
+    if _farthest_off(found, vertices_um) > ELLIPSOID_SHARE:
+        return None
+    return found if _farthest_off(found, middles_um) <= FACET_SHARE else None
+
+
+def is_convex(part: Part) -> bool:
+    """Return whether a part is its own convex hull: no vertex lies deeper than 5 nm below it."""
+    hull = ConvexHull(part.vertices_um)
+    inner = np.setdiff1d(np.arange(len(part.vertices_um)), hull.vertices)
+    planes = np.unique(np.round(hull.equations, 9), axis=0)
+    for first in range(0, len(inner), _CHUNK):
+        points_um = part.vertices_um[inner[first : first + _CHUNK]]
+        depth_um = -(points_um @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+        if np.any(depth_um > HOLLOW_UM):
+            return False
+    return True
+
+
+def _along_coordinates(axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return right-handed axes in the order of the coordinates that they are nearest to."""
+    order = np.argmax(np.abs(axes), axis=1)
+    if len(set(order.tolist())) < 3:
+        order = np.arange(3)
+    ordered = axes[:, order]
+    ordered = ordered * np.where(np.diag(ordered) < 0.0, -1.0, 1.0)
+    if np.linalg.det(ordered) < 0.0:
+        ordered[:, 2] *= -1.0
+    return ordered, order
+
+
+def _farthest_off(ellipsoid: Ellipsoid, points_um: FloatArray) -> float:
+    """Return how far points (n, 3) are off the surface at most, over the smallest semi-axis."""
+    local = (points_um - ellipsoid.centre_um) @ ellipsoid.axes / ellipsoid.semi_axes_um
+    return float(np.abs(np.linalg.norm(local, axis=1) - 1.0).max())

@@ -19,6 +19,7 @@ CODES = {
     'StreamBroken': 'STREAM_BROKEN',
     'LeftoverChunk': 'STREAM_BROKEN',
     'NotAllowed': 'NOT_ALLOWED',
+    'ContactSilent': 'NO_CONTACT',
 }
 
 

@@ -36,6 +36,8 @@ class Chunk:
         Number of the stream.
     last : bool
         True: the stream ends with this chunk.
+    guarded : bool
+        True: the stream ends as soon as the tip touches something.
 
     Raises
     ------
@@ -52,6 +54,7 @@ class Chunk:
     sequence: int
     stream: int
     last: bool
+    guarded: bool = False
 
     def __post_init__(self) -> None:
         """Check and freeze."""
@@ -84,8 +87,9 @@ class Chunk:
             same_velocities = np.array_equal(self.velocities_um_s, other.velocities_um_s)
         return (
             same_velocities
-            and (self.time_s, self.period_s, self.sequence, self.stream, self.last)
-            == (other.time_s, other.period_s, other.sequence, other.stream, other.last)
+            and (self.time_s, self.period_s, self.sequence, self.stream)
+            == (other.time_s, other.period_s, other.sequence, other.stream)
+            and (self.last, self.guarded) == (other.last, other.guarded)
             and np.array_equal(self.positions_um, other.positions_um)
         )
 

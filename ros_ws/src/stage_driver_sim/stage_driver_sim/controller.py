@@ -11,6 +11,7 @@
 
        any but FAULT --stop--> STOPPED                           --reset--> HOLDING or OFF
        any           --refused chunk, stream run dry--> FAULT    --reset--> HOLDING or OFF
+       STREAMING     --contact, stream is guarded-----> HOLDING
 
 Whatever ends a stream early, the command brakes along its path and then holds.
 """
@@ -25,9 +26,21 @@ import numpy as np
 
 from stage_driver_sim.brake import Brake
 from stage_driver_sim.chunk import Chunk
-from stage_driver_sim.errors import LeftoverChunk, NotAllowed, StageError, StreamBroken
+from stage_driver_sim.contact_guard import ContactGuard, ContactReport
+from stage_driver_sim.errors import (
+    ContactSilent,
+    LeftoverChunk,
+    NotAllowed,
+    StageError,
+    StreamBroken,
+)
 from stage_driver_sim.protocol import Stage, StageLimits, Vector
-from stage_driver_sim.setpoint_stream import Phase, SetpointStream, accept_chunk
+from stage_driver_sim.setpoint_stream import (
+    Phase,
+    SetpointStream,
+    StreamCommand,
+    accept_chunk,
+)
 
 VELOCITY_FILTER_S = 0.005
 """Time constant of the velocity estimate: turns 1 nm of noise at 1 kHz into 0.4 µm/s."""
@@ -88,6 +101,8 @@ class Snapshot:
     dropped: int
     error_code: int
     error_msg: str
+    guard_tripped: bool
+    contact_um: Vector
 
 
 class StageController:
@@ -116,6 +131,8 @@ class StageController:
         self._mode = Mode.HOLDING
         self._stream: SetpointStream | None = None
         self._brake: Brake | None = None
+        self._guard = ContactGuard()
+        self._contact_um: Vector | None = None
         self._underruns = 0
         self._dropped = 0
         self._error_code = 0
@@ -147,6 +164,7 @@ class StageController:
             Time [s].
         """
         position_um = self._stage.measure_um(now_s)
+        self._guard.remember(now_s, position_um)
         command_um = self._command_at(now_s)
         if self._mode is not Mode.HOMING and self._stage.servo_on:
             self._stage.command_um(command_um, now_s)
@@ -164,6 +182,8 @@ class StageController:
             dropped=self._dropped,
             error_code=self._error_code,
             error_msg=self._error_msg,
+            guard_tripped=self._contact_um is not None,
+            contact_um=np.full(3, np.nan) if self._contact_um is None else self._contact_um,
         )
 
     def accept(self, chunk: Chunk, now_s: float) -> None:
@@ -190,8 +210,13 @@ class StageController:
         except StageError as error:
             self.fail(error, now_s)
         else:
+            self._contact_um = None
             self._stream = stream
             self._mode = Mode.STREAMING
+
+    def note_contact(self, report: ContactReport) -> None:
+        """Take in what is reported about contact; it ends a guarded stream at the next tick."""
+        self._guard.note(report)
 
     def refuse(self, error: StageError, now_s: float) -> None:
         """Treat a chunk that could not even be read like one that does not fit."""
@@ -272,25 +297,43 @@ class StageController:
             wanted = self._stream.command_at(now_s)
             if wanted.phase is Phase.WAITING:
                 return self._held_um
-            if wanted.phase is Phase.RUNNING:
+            if self._stream.guarded:
+                self._end_at_contact(self._stream, now_s)
+            if self._mode is Mode.STREAMING and wanted.phase is Phase.RUNNING:
                 return self._inside(wanted.position_um)
-            if wanted.phase is Phase.DONE:
-                self._held_um = self._inside(wanted.position_um)
-                self._mode = Mode.HOLDING
-            else:
-                self._underruns += 1
-                self.fail(
-                    StreamBroken(
-                        f'stream {self._stream.number} ran dry after setpoint '
-                        f'{self._stream.received - 1}, its end not announced'
-                    ),
-                    now_s,
-                )
+            self._end_stream(self._stream, wanted, now_s)
         if self._brake is not None:
             self._held_um = self._inside(self._brake.position_at(now_s))
             if now_s >= self._brake.end_s:
                 self._brake = None
         return self._held_um
+
+    def _end_at_contact(self, stream: SetpointStream, now_s: float) -> None:
+        """Brake and hold if something has been met."""
+        try:
+            self._contact_um = self._guard.contact_um(stream.begin_s, now_s)
+        except ContactSilent as error:
+            self.fail(error, now_s)
+        if self._contact_um is not None:
+            self._end_motion(now_s)
+            self._mode = Mode.HOLDING
+
+    def _end_stream(self, stream: SetpointStream, wanted: StreamCommand, now_s: float) -> None:
+        """Hold at the end of a stream; one that ran dry is a fault."""
+        if self._mode is not Mode.STREAMING:
+            return  # braking already
+        if wanted.phase is Phase.DONE:
+            self._held_um = self._inside(wanted.position_um)
+            self._mode = Mode.HOLDING
+            return
+        self._underruns += 1
+        self.fail(
+            StreamBroken(
+                f'stream {stream.number} ran dry after setpoint {stream.received - 1}, '
+                'its end not announced'
+            ),
+            now_s,
+        )
 
     def _end_motion(self, now_s: float) -> None:
         """Begin to brake from whatever moves the stage."""

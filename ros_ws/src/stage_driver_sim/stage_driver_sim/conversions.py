@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Vector3
-from microhand_msgs_py.msg import RunEvent, SetpointChunk, StageState
+from microhand_msgs_py.msg import RunEvent, SetpointChunk, StageState, TipContact
 from microhand_msgs_py.srv import GetStageLimits
 from numpy.typing import NDArray
 
 from stage_driver_sim.chunk import Chunk
+from stage_driver_sim.contact_guard import ContactReport
 from stage_driver_sim.controller import Event, Snapshot
 from stage_driver_sim.errors import InvalidParameter
 from stage_driver_sim.protocol import StageLimits, Vector
@@ -65,7 +66,13 @@ def chunk_from_message(message: SetpointChunk, clock_map: ClockMap) -> Chunk:
         sequence=message.sequence,
         stream=message.stream,
         last=message.last,
+        guarded=message.guarded,
     )
+
+
+def contact_from_message(message: TipContact, clock_map: ClockMap) -> ContactReport:
+    """Return what a message says about contact."""
+    return ContactReport(clock_map.to_steady_s(message.header.stamp), message.in_contact)
 
 
 def state_message(snapshot: Snapshot, clock_map: ClockMap, frame_id: str) -> StageState:
@@ -81,6 +88,8 @@ def state_message(snapshot: Snapshot, clock_map: ClockMap, frame_id: str) -> Sta
         underruns=snapshot.underruns,
         error_code=snapshot.error_code,
         error_msg=snapshot.error_msg,
+        guard_tripped=snapshot.guard_tripped,
+        contact_position=_point(snapshot.contact_um),
     )
     message.header.stamp = clock_map.to_stamp(snapshot.time_s)
     message.header.frame_id = frame_id

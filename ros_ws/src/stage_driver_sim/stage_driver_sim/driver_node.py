@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
-from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk, StageState
+from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk, StageState, TipContact
 from microhand_msgs_py.srv import Command, GetStageLimits, SetServo
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
@@ -27,6 +27,7 @@ from stage_driver_sim.controller import StageController
 from stage_driver_sim.conversions import (
     ClockMap,
     chunk_from_message,
+    contact_from_message,
     event_message,
     fill_limits,
     state_message,
@@ -87,6 +88,7 @@ class StageDriverNode(LifecycleNode):
         self._events = self.create_publisher(RunEvent, 'events', qos.EVENTS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
         self.create_subscription(SetpointChunk, 'setpoints', self._on_chunk, qos.SETPOINTS)
+        self.create_subscription(TipContact, 'contact', self._on_contact, qos.CONTACT)
         for name, action in (
             ('stop', StageController.stop),
             ('home', StageController.home),
@@ -198,6 +200,11 @@ class StageDriverNode(LifecycleNode):
             self._loop.tell(lambda controller, now_s: controller.refuse(refusal, now_s))
         else:
             self._loop.tell(lambda controller, now_s: controller.accept(chunk, now_s))
+
+    def _on_contact(self, message: TipContact) -> None:
+        if self._loop is not None:
+            report = contact_from_message(message, self._clock_map)
+            self._loop.tell(lambda controller, _: controller.note_contact(report))
 
     def _on_command(
         self,

@@ -9,6 +9,7 @@
     ├── TravelExceeded     beyond the travel or the velocity limit
     ├── StreamBroken       a gap, a contradiction, a wrong time, or a stream that ran dry
     │   └── LeftoverChunk      the rest of a stream that is over; harmless
+    ├── ContactSilent      a guarded stream without news of contacts
     └── NotAllowed         the command does not fit the present mode
 
 The package imports nothing of the planner, so it has its own tree; `code` is the value of
@@ -50,6 +51,12 @@ class StreamBroken(StageError):
 
 class LeftoverChunk(StreamBroken):
     """A late chunk of a stream that is over: to be dropped, not to be feared."""
+
+
+class ContactSilent(StageError):
+    """A guarded stream, and nobody says whether the tip touches."""
+
+    code = 310
 
 
 class NotAllowed(StageError):

@@ -53,11 +53,13 @@ class SetpointStream:
     """
 
     number: int
+    begin_s: float
     times_s: tuple[float, ...]
     positions_um: NDArray[np.float64]
     velocities_um_s: NDArray[np.float64]
     received: int
     ended: bool
+    guarded: bool
     recent: tuple[Chunk, ...]
 
     def command_at(self, time_s: float) -> StreamCommand:
@@ -171,11 +173,13 @@ def _begin(chunk: Chunk, limits: StageLimits, held_um: Vector, now_s: float) -> 
     _check_velocities(chunk.positions_um, times_s, velocities_um_s, limits)
     return SetpointStream(
         number=chunk.stream,
+        begin_s=chunk.time_s,
         times_s=tuple(times_s.tolist()),
         positions_um=chunk.positions_um,
         velocities_um_s=velocities_um_s,
         received=len(chunk.positions_um),
         ended=chunk.last,
+        guarded=chunk.guarded,
         recent=(chunk,),
     )
 
@@ -189,6 +193,11 @@ def _grow(
         raise StreamBroken(
             f'stream {stream.number} goes on with setpoint {chunk.sequence}; '
             f'allowed: {stream.received}'
+        )
+    if chunk.guarded != stream.guarded:
+        raise StreamBroken(
+            f'stream {stream.number}: guarded is {chunk.guarded} from setpoint {chunk.sequence} '
+            f'on; allowed: {stream.guarded} as before'
         )
     late_s = chunk.time_s - (stream.times_s[-1] + chunk.period_s)
     if abs(late_s) > 0.5 * chunk.period_s:

@@ -19,7 +19,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
     ],
-    install_requires=['lxml', 'networkx', 'numba', 'numpy', 'scipy', 'trimesh'],
+    install_requires=['lxml', 'networkx', 'numba', 'numpy', 'ruckig', 'scipy', 'trimesh'],
     entry_points={
         'console_scripts': ['planner_node = microhand_planner.ros.planner_node:main'],
     },

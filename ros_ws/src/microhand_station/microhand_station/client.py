@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from microhand_planner.core.errors import MicrohandError, RunFailed
-from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.pose import Pose
 from microhand_planner.ros.conversions import (
@@ -194,6 +194,7 @@ class StationClient:
         finger: Finger | None = None,
         law: ContactLaw | None = None,
         options: SearchOptions | None = None,
+        rules: GripRules | None = None,
     ) -> PlanAnswer:
         """Have a reorientation planned; nothing moves.
 
@@ -205,7 +206,7 @@ class StationClient:
             Object in the station frame.
         unit_um : float
             Length of one unit of the mesh [µm]; 0: the catalogue's, or 1 µm.
-        finger, law, options
+        finger, law, options, rules
             Default: those of the classes.
 
         Raises
@@ -219,7 +220,9 @@ class StationClient:
             unit=unit_um / UM_PER_M,
             start_pose=pose_to_msg(start),
             goal_pose=pose_to_msg(goal),
-            options=options_to_msg(finger or Finger(), law or ContactLaw(), options),
+            options=options_to_msg(
+                finger or Finger(), law or ContactLaw(), options, rules or GripRules()
+            ),
         )
         self._meet('planner', ANSWER_S)
         future = self._plan.call_async(request)

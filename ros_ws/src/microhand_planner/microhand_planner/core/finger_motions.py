@@ -11,6 +11,8 @@ import numpy as np
 from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation
 
+from microhand_planner.core.grip_forces import GripForces
+from microhand_planner.core.hold import Hold
 from microhand_planner.core.parameters import Finger
 from microhand_planner.core.plan import FINGERS, Step, StepKind
 from microhand_planner.core.planned_rotation import PlannedRotation
@@ -20,20 +22,28 @@ from microhand_planner.core.transfer import Blocked, way_around, way_out
 
 _ROLL_SPACING_RAD = math.radians(1.0)
 _CARRY_SPACING_UM = 1.0
+_SAME_FORCE_UN = 1e-6
 
 
 class _Hand:
     """Object and fingers while the steps are being made: where they are after the last one."""
 
     def __init__(
-        self, pose: Pose, finger: Finger, waiting_radius_um: float, blocked: Blocked
+        self,
+        pose: Pose,
+        finger: Finger,
+        grip: GripForces,
+        waiting_radius_um: float,
+        blocked: Blocked,
     ) -> None:
         self.origin_um = np.asarray(pose.position_um)
         self.attitude = pose.rotation
         # relative to the object's origin, station axes
         self.tip_um: FloatArray = np.zeros((FINGERS, 3))
         self.normal: FloatArray = np.full((FINGERS, 3), np.nan)
+        self.force_uN: FloatArray = np.zeros((FINGERS, 3))
         self.finger = finger
+        self.grip = grip
         self.waiting_radius_um = waiting_radius_um
         self.blocked = blocked
 
@@ -71,6 +81,8 @@ class _Hand:
         attitudes: Rotation | None = None,
         normals: FloatArray | None = None,
         origins_um: FloatArray | None = None,
+        forces_uN: FloatArray | None = None,
+        hold: Hold | None = None,
     ) -> Step:
         """Return a step along waypoints (n, 3, 3), and stand at its end."""
         n = len(tips_um)
@@ -80,6 +92,8 @@ class _Hand:
             normals = np.repeat(self.normal[None], n, axis=0)
         if origins_um is None:
             origins_um = np.repeat(self.origin_um[None], n, axis=0)
+        if forces_uN is None:
+            forces_uN = np.repeat(self.force_uN[None], n, axis=0)
         x, y, z, w = attitudes.as_quat().T
         step = Step(
             kind=kind,
@@ -91,12 +105,22 @@ class _Hand:
             object_quaternion_wxyz=np.column_stack([w, x, y, z]),
             tip_um=tips_um + origins_um[:, None, :],
             normal=normals,
+            force_uN=forces_uN,
+            hold=hold,
         )
         self.tip_um = tips_um[-1]
         self.normal = normals[-1]
+        self.force_uN = forces_uN[-1]
         self.origin_um = origins_um[-1]
         self.attitude = attitudes[-1]
         return step
+
+    def ramped(self, rotation: int, force_uN: FloatArray) -> Iterator[Step]:
+        """Make the step that brings the fingers to other forces, unless they have them."""
+        if np.abs(force_uN - self.force_uN).max() > _SAME_FORCE_UN:
+            tips_um = np.repeat(self.tip_um[None], 2, axis=0)
+            forces_uN = np.stack([self.force_uN, force_uN])
+            yield self.moved(StepKind.GRIP, rotation, tips_um, forces_uN=forces_uN)
 
 
 def finger_motions(
@@ -104,6 +128,7 @@ def finger_motions(
     start: Pose,
     goal: Pose,
     finger: Finger,
+    grip: GripForces,
     waiting_radius_um: float,
     blocked: Blocked,
     *,
@@ -119,6 +144,8 @@ def finger_motions(
         Object in the station frame.
     finger : Finger
         Tips.
+    grip : GripForces
+        How firmly they hold.
     waiting_radius_um : float
         See `transfer.waiting_radius_um`.
     blocked : callable
@@ -136,9 +163,12 @@ def finger_motions(
     InadmissibleContact
         A finger has no free way to or from a contact.
     """
-    hand = _Hand(start, finger, waiting_radius_um, blocked)
+    hand = _Hand(start, finger, grip, waiting_radius_um, blocked)
     approach = _first_grasp(hand, sequence[0])
-    steps = [] if held else [approach]
+    steps = [approach]
+    steps.extend(hand.ramped(0, _holding_uN(hand, sequence[0], sequence[0].states[0])))
+    if held:
+        steps = []
     for index, planned in enumerate(sequence):
         steps.extend(_rotation(hand, index, planned))
     steps.extend(_carried(hand, len(sequence) - 1, goal))
@@ -158,6 +188,32 @@ def _contacts(
     tip_um[placed] = hand.attitude.apply(plane.to_object(planned.lattice.centre_um[samples]))
     normal[placed] = hand.attitude.apply(plane.to_object(planned.lattice.normal[samples]))
     return tip_um, normal
+
+
+def _in_plane(
+    planned: PlannedRotation, state: Sequence[int]
+) -> tuple[list[int], FloatArray, FloatArray]:
+    """Return placed fingers, their contacts [µm] and normals (k, 2) in the plane, of a state."""
+    *tracks, orientation = state
+    placed = [finger for finger in range(FINGERS) if tracks[finger] != ABSENT]
+    samples = [planned.lattice.sample_of[tracks[finger], orientation] for finger in placed]
+    return placed, planned.lattice.contact_um[samples], planned.lattice.normal[samples]
+
+
+def _holding_uN(hand: _Hand, planned: PlannedRotation, state: Sequence[int]) -> FloatArray:
+    """Return the forces (3, 3) with which a grasp holds, station axes."""
+    placed, contact_um, normal = _in_plane(planned, state)
+    force_uN, _ = hand.grip.while_holding(contact_um[None], normal[None])
+    return _in_station(hand, planned, placed, force_uN[0])
+
+
+def _in_station(
+    hand: _Hand, planned: PlannedRotation, fingers: list[int], force_uN: FloatArray
+) -> FloatArray:
+    """Return forces (k, 2) of some fingers in the plane as forces (3, 3), station axes."""
+    forces_uN = np.zeros((FINGERS, 3))
+    forces_uN[fingers] = hand.attitude.apply(planned.curve.plane.to_object(force_uN))
+    return forces_uN
 
 
 def _first_grasp(hand: _Hand, planned: PlannedRotation) -> Step:
@@ -212,17 +268,38 @@ def _roll(hand: _Hand, index: int, planned: PlannedRotation, first: int, last: i
     attitudes = hand.attitude * Rotation.from_rotvec(np.outer(angles, curve.plane.normal))
     tips_um = np.repeat(hand.tip_um[None], len(angles), axis=0)
     normals = np.repeat(hand.normal[None], len(angles), axis=0)
-    for finger in range(FINGERS):
-        if state[finger] == ABSENT:
-            continue
-        phase_rad = lattice.phase_rad[lattice.sample_of[state[finger], state[3]]]
-        points = curve.at(phase_rad - angles * lattice.phase_per_angle)
-        tips_um[:, finger] = attitudes.apply(curve.plane.to_object(points.centre_um))
-        normals[:, finger] = attitudes.apply(curve.plane.to_object(points.normal))
+    forces_uN = np.repeat(hand.force_uN[None], len(angles), axis=0)
+    placed = [finger for finger in range(FINGERS) if state[finger] != ABSENT]
+    points = [
+        curve.at(
+            lattice.phase_rad[lattice.sample_of[state[finger], state[3]]]
+            - angles * lattice.phase_per_angle
+        )
+        for finger in placed
+    ]
+    force_uN, hold = hand.grip.while_holding(
+        np.stack([at.contact_um for at in points], axis=1),
+        np.stack([at.normal for at in points], axis=1),
+    )
+    for number, finger in enumerate(placed):
+        for rows, values in (
+            (tips_um, points[number].centre_um),
+            (normals, points[number].normal),
+            (forces_uN, force_uN[:, number]),
+        ):
+            rows[:, finger] = attitudes.apply(curve.plane.to_object(values))
     # the two sections of a mesh meet on the joints within its facets' accuracy, not better
     tips_um[0] = hand.tip_um
+    forces_uN[0] = hand.force_uN
     return hand.moved(
-        StepKind.ROLL, index, tips_um, angle_rad=angle_rad, attitudes=attitudes, normals=normals
+        StepKind.ROLL,
+        index,
+        tips_um,
+        angle_rad=angle_rad,
+        attitudes=attitudes,
+        normals=normals,
+        forces_uN=forces_uN,
+        hold=hold,
     )
 
 
@@ -233,7 +310,11 @@ def _regrasp(
     before: Sequence[int],
     after: Sequence[int],
 ) -> Iterator[Step]:
-    """Place the fingers that are new in a grasp, then remove those that left it."""
+    """Place the fingers that are new in a grasp, then remove those that left it.
+
+    The fingers that stay take over the grip before another one leaves, and hold as the roll wants
+    it afterwards.
+    """
     plane_normal = planned.curve.plane.normal
     tip_um, normal = _contacts(hand, planned, after)
     for finger in range(FINGERS):
@@ -245,19 +326,41 @@ def _regrasp(
             hand.normal[finger] = normal[finger]
     for finger in range(FINGERS):
         if before[finger] != ABSENT and after[finger] == ABSENT:
+            stays, stay_um, stay_normal = _in_plane(planned, after)
+            _, leave_um, leave_normal = _in_plane(planned, _alone(before, finger))
+            force_uN, hold = hand.grip.while_releasing(
+                stay_um, stay_normal, leave_um[0], leave_normal[0]
+            )
+            yield from hand.ramped(index, _in_station(hand, planned, stays, force_uN))
             way_um = hand.way_out_um(
                 finger, hand.tip_um[finger], hand.normal[finger], plane_normal
             )
             hand.normal = hand.normal.copy()
             hand.normal[finger] = np.nan
-            yield _one_moves(hand, StepKind.REMOVE, index, finger, way_um)
+            yield _one_moves(hand, StepKind.REMOVE, index, finger, way_um, hold)
+    yield from hand.ramped(index, _holding_uN(hand, planned, after))
 
 
-def _one_moves(hand: _Hand, kind: StepKind, index: int, finger: int, way_um: FloatArray) -> Step:
+def _alone(state: Sequence[int], finger: int) -> tuple[int, int, int, int]:
+    """Return a state with one of its fingers alone."""
+    first, second, third = (
+        state[other] if other == finger else ABSENT for other in range(FINGERS)
+    )
+    return first, second, third, state[3]
+
+
+def _one_moves(
+    hand: _Hand,
+    kind: StepKind,
+    index: int,
+    finger: int,
+    way_um: FloatArray,
+    hold: Hold | None = None,
+) -> Step:
     """Move one finger along a way, the others stand."""
     tips_um = np.repeat(hand.tip_um[None], len(way_um), axis=0)
     tips_um[:, finger] = way_um
-    return hand.moved(kind, index, tips_um, finger=finger + 1)
+    return hand.moved(kind, index, tips_um, finger=finger + 1, hold=hold)
 
 
 def _carried(hand: _Hand, index: int, goal: Pose) -> Iterator[Step]:

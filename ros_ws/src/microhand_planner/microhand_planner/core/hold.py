@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from microhand_planner.core.errors import InvalidPlan
@@ -29,7 +30,8 @@ class Hold:
     margin_uN: float
 
     def __post_init__(self) -> None:
-        """Check that the values are numbers."""
-        for name, value in vars(self).items():
-            if value != value or abs(value) == float('inf'):
+        """Check that the values are numbers; they become whole piconewtons."""
+        for name, value in list(vars(self).items()):
+            if not math.isfinite(value):
                 raise InvalidPlan(f'hold: {name}', value, 'a finite number')
+            object.__setattr__(self, name, round(float(value), 6))

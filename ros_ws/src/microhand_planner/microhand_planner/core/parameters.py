@@ -149,8 +149,8 @@ class GripRules:
         """Check the ranges."""
         check_number('margin', self.margin_factor, low=0.0, high=1.0, low_open=True)
         check_number('roll-margin', self.roll_factor, low=0.0, high=1.0, low_open=True)
-        check_number('least-margin', self.least_margin_uN, low=0.0, high=1e3)
-        check_number('grip', self.nominal_grip_uN, low=0.0, high=1e4)
+        check_number('least-margin', self.least_margin_uN, low=0.0, high=1e3, low_open=True)
+        check_number('grip', self.nominal_grip_uN, low=0.0, high=1e4, low_open=True)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans as JSON, and the hash by which two plans are the same.
 
-Layout 1.x: one object with the fields of `Plan`; lengths in µm, angles in degrees, quaternions
-w x y z, NaN as null. Readers refuse another major version.
+Layout 2.x: one object with the fields of `Plan`; lengths in µm, forces in µN, angles in degrees,
+quaternions w x y z, NaN as null. Readers refuse another major version.
 """
 
 from __future__ import annotations
@@ -16,8 +16,22 @@ from typing import Any
 import numpy as np
 
 from microhand_planner.core.errors import BadRequest, InvalidPlan, MicrohandError
-from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
-from microhand_planner.core.plan import FORMAT_VERSION, Plan, RotationReport, Step, StepKind
+from microhand_planner.core.hold import Hold
+from microhand_planner.core.parameters import (
+    ContactLaw,
+    Finger,
+    GripRules,
+    Mode,
+    SearchOptions,
+)
+from microhand_planner.core.plan import (
+    FORCE_DIGITS,
+    FORMAT_VERSION,
+    Plan,
+    RotationReport,
+    Step,
+    StepKind,
+)
 from microhand_planner.core.pose import LENGTH_DIGITS, FloatArray, Pose
 
 _DIRECTION_DIGITS = 12
@@ -46,6 +60,7 @@ def plan_hash(plan: Plan) -> str:
     add_text(FORMAT_VERSION, plan.object_name, plan.object_sha256, options.mode.value)
     add_text(law.adhesion, rounded(law.friction, law.pull_off_uN, law.max_force_uN))
     add_text(rounded(finger.radius_um, finger.clearance_um, math.degrees(options.step_rad)))
+    add_text(rounded(*vars(plan.rules).values()))
     for pose in (plan.start, plan.goal):
         add_numbers(np.asarray(pose.position_um), LENGTH_DIGITS)
         add_numbers(np.asarray(pose.quaternion_wxyz), _DIRECTION_DIGITS)
@@ -59,6 +74,8 @@ def plan_hash(plan: Plan) -> str:
         add_numbers(step.tip_um, LENGTH_DIGITS)
         add_numbers(step.object_quaternion_wxyz, _DIRECTION_DIGITS)
         add_numbers(step.normal, _DIRECTION_DIGITS)
+        add_numbers(step.force_uN, FORCE_DIGITS)
+        add_text(None if step.hold is None else rounded(*vars(step.hold).values()))
     return digest.hexdigest()
 
 
@@ -85,6 +102,7 @@ def plan_to_dict(plan: Plan) -> dict[str, Any]:
             'mode': plan.options.mode.value,
             'time_limit_s': plan.options.time_limit_s,
         },
+        'rules': dict(vars(plan.rules)),
         'rotations': [vars(rotation) for rotation in plan.rotations],
         'steps': [_step_to_dict(step) for step in plan.steps],
     }
@@ -102,7 +120,7 @@ def plan_from_dict(content: dict[str, Any]) -> Plan:
     """
     version = str(content.get('format_version', 'missing'))
     if version.split('.')[0] != FORMAT_VERSION.split('.')[0]:
-        raise InvalidPlan('format_version', version, f'{FORMAT_VERSION} or a later 1.x')
+        raise InvalidPlan('format_version', version, f'{FORMAT_VERSION} or a later 2.x')
     try:
         plan = Plan(
             object_name=str(content['object']['name']),
@@ -116,6 +134,7 @@ def plan_from_dict(content: dict[str, Any]) -> Plan:
                 mode=Mode(content['options']['mode']),
                 time_limit_s=content['options']['time_limit_s'],
             ),
+            rules=GripRules(**content['rules']),
             steps=tuple(_step_from_dict(step) for step in content['steps']),
             rotations=tuple(_rotation_from_dict(rotation) for rotation in content['rotations']),
         )
@@ -124,7 +143,7 @@ def plan_from_dict(content: dict[str, Any]) -> Plan:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         why = ' '.join(f'{type(error).__name__}: {error}'.split())
-        raise InvalidPlan('plan', f'not readable ({why})', 'the fields of layout 1.x') from error
+        raise InvalidPlan('plan', f'not readable ({why})', 'the fields of layout 2.x') from error
     if content.get('plan_hash') != found:
         raise InvalidPlan(
             'plan_hash', content.get('plan_hash'), f'{found}, the hash of what the file holds'
@@ -185,6 +204,7 @@ def _rotation_from_dict(content: dict[str, Any]) -> RotationReport:
         cost_deg=float(content['cost_deg']),
         reconfigurations=int(content['reconfigurations']),
         expanded=int(content['expanded']),
+        waiting=int(content['waiting']),
         time_s=float(content['time_s']),
     )
 
@@ -202,6 +222,8 @@ def _step_to_dict(step: Step) -> dict[str, Any]:
         'object_quaternion_wxyz': step.object_quaternion_wxyz.tolist(),
         'tip_um': step.tip_um.tolist(),
         'normal': normals.tolist(),
+        'force_uN': step.force_uN.tolist(),
+        'hold': None if step.hold is None else dict(vars(step.hold)),
     }
 
 
@@ -217,4 +239,6 @@ def _step_from_dict(content: dict[str, Any]) -> Step:
         object_quaternion_wxyz=np.array(content['object_quaternion_wxyz'], dtype=np.float64),
         tip_um=np.array(content['tip_um'], dtype=np.float64),
         normal=np.array(content['normal'], dtype=np.float64),
+        force_uN=np.array(content['force_uN'], dtype=np.float64),
+        hold=None if content['hold'] is None else Hold(**content['hold']),
     )

@@ -11,6 +11,7 @@ import numpy as np
 from microhand_planner.core.decomposition import PlanarRotation, decompositions
 from microhand_planner.core.errors import InvalidRotation
 from microhand_planner.core.finger_motions import finger_motions
+from microhand_planner.core.grip_forces import GripForces
 from microhand_planner.core.interruption import interruption
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.part import Part
@@ -123,6 +124,7 @@ def plan_reorientation(
         start,
         goal,
         finger,
+        GripForces(law, rules, planned=margins is not None),
         waiting_radius_um(geometry.bounding_radius_um, finger),
         geometry.touches,
         held=held is not None,
@@ -135,6 +137,7 @@ def plan_reorientation(
         finger=finger,
         law=law,
         options=options,
+        rules=rules,
         steps=steps,
         rotations=tuple(_report(planned) for planned in sequence),
     )
@@ -153,5 +156,6 @@ def _report(planned: PlannedRotation) -> RotationReport:
         cost_deg=planned.cost_ndeg / NDEG,
         reconfigurations=planned.reconfigurations,
         expanded=planned.expanded,
+        waiting=getattr(planned, 'waiting', 0),
         time_s=planned.time_s,
     )

@@ -81,11 +81,11 @@ def rolling_grips_uN(
         The nominal grip or, where that is less, the largest that rolling allows; that largest;
         and the margin to slipping with the friction of removals.
     """
+    # where nothing sticks, the search has chosen contacts that hold with the friction of removals
+    share = rules.roll_factor if law.stick_uN > 0.0 else rules.margin_factor
     high_uN = np.array(
         [
-            largest_grip_uN(
-                at, out, rules.roll_factor * law.friction, law.stick_uN, law.max_force_uN
-            )
+            largest_grip_uN(at, out, share * law.friction, law.stick_uN, law.max_force_uN)
             for at, out in zip(contact_um, normal, strict=True)
         ]
     )

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from ruckig import InputParameter, Ruckig
+from ruckig import Trajectory as Profile
 from scipy.spatial.transform import Rotation, Slerp
 
 from microhand_planner.core.errors import InvalidPlan
@@ -18,11 +20,11 @@ from microhand_planner.core.plan import Step
 from microhand_planner.core.pose import FloatArray, readonly
 from microhand_planner.core.waypoint_curve import curve_through
 
-PEAK_OF_MINIMUM_JERK = 1.875
-"""Largest speed of the minimum-jerk time law over its mean speed ([Flash1985])."""
-
 JOIN_TOLERANCE_UM = 1e-4
 """Steps whose tips differ by more than this where they meet are not one motion [µm]."""
+
+
+_SAME_PERIOD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Pace:
         Largest speed of a tip, over all axes [µm/s].
     axis_um_s : float
         Largest velocity of one axis: what every stage can do [µm/s].
+    acceleration_um_s2, jerk_um_s3 : float
+        Largest acceleration of the fastest tip along its path, and largest jerk.
     period_s : float
         Time between two setpoints [s].
     """
@@ -44,6 +48,8 @@ class Pace:
     roll_rate_rad_s: float = math.radians(90.0)
     travel_um_s: float = 400.0
     axis_um_s: float = 500.0
+    acceleration_um_s2: float = 5e3
+    jerk_um_s3: float = 2.5e5
     period_s: float = 0.002
 
     def __post_init__(self) -> None:
@@ -51,6 +57,8 @@ class Pace:
         check_number('roll_rate', self.roll_rate_rad_s, low=0.0, high=100.0, low_open=True)
         check_number('travel_speed', self.travel_um_s, low=0.0, high=1e6, low_open=True)
         check_number('axis_velocity', self.axis_um_s, low=0.0, high=1e6, low_open=True)
+        check_number('acceleration', self.acceleration_um_s2, low=0.0, high=1e9, low_open=True)
+        check_number('jerk', self.jerk_um_s3, low=0.0, high=1e12, low_open=True)
         check_number('period', self.period_s, low=1e-4, high=0.1)
 
 
@@ -101,12 +109,33 @@ class Trajectory:
         return (len(self) - 1) * self.period_s
 
 
-def time_steps(steps: Sequence[Step], pace: Pace) -> Trajectory:
-    """Turn the waypoints of a plan's steps into setpoints.
+@dataclass(frozen=True)
+class Piece:
+    """A part of a plan that runs from rest to rest.
 
-    Each step runs from rest to rest under the minimum-jerk time law, along a C1 curve through
-    its waypoints, as fast as `pace` allows: its duration is rounded up to whole periods, so that
-    every step begins and ends on a setpoint. All fingers, and the object, move in step.
+    Parameters
+    ----------
+    step : int
+        Step of the plan that it belongs to.
+    tip_um : (n, 3, 3) float
+        Waypoints of fingers 1, 2, 3, station frame [µm].
+    object_position_um : (n, 3) float
+        Where the plan has the object origin, station frame [µm].
+    object_quaternion_wxyz : (n, 4) float
+        Where the plan has the object's orientation, station frame.
+    pace : Pace
+        How fast.
+    """
+
+    step: int
+    tip_um: FloatArray
+    object_position_um: FloatArray
+    object_quaternion_wxyz: FloatArray
+    pace: Pace
+
+
+def time_steps(steps: Sequence[Step], pace: Pace) -> Trajectory:
+    """Turn the waypoints of steps into setpoints, without forces; see `time_pieces`.
 
     Parameters
     ----------
@@ -120,83 +149,120 @@ def time_steps(steps: Sequence[Step], pace: Pace) -> Trajectory:
     InvalidPlan
         There is no step, or one does not begin where the one before it ended.
     """
-    if not steps:
+    return time_pieces(
+        [
+            Piece(number, step.tip_um, step.object_position_um, step.object_quaternion_wxyz, pace)
+            for number, step in enumerate(steps)
+        ]
+    )
+
+
+def time_pieces(pieces: Sequence[Piece]) -> Trajectory:
+    """Turn the waypoints of pieces into setpoints.
+
+    Each piece runs from rest to rest, with limited jerk ([Berscheid2021]), along a C1 curve
+    through its waypoints, as fast as its pace allows: its duration is rounded up to whole periods,
+    so that every piece begins and ends on a setpoint. All fingers, and the object, move in step.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+        At least one, all of one period; each begins where the one before it ended.
+
+    Raises
+    ------
+    InvalidPlan
+        There is no piece, or one does not begin where the one before it ended.
+    """
+    if not pieces:
         raise InvalidPlan('steps', 'empty', 'at least one step')
-    for number, (before, after) in enumerate(itertools.pairwise(steps), start=1):
+    for before, after in itertools.pairwise(pieces):
         gap_um = float(np.abs(after.tip_um[0] - before.tip_um[-1]).max())
         if gap_um > JOIN_TOLERANCE_UM:
             raise InvalidPlan(
-                f'step {number}', f'{gap_um:.4f} µm away from the end of the step before', 'no gap'
+                f'step {after.step}',
+                f'{gap_um:.4f} µm away from the end of the step before',
+                'no gap',
             )
-    pieces = [_time_step(step, pace) for step in steps]
-    # the last setpoint of a step is the first of the next one
-    kept = [piece if i == 0 else tuple(a[1:] for a in piece) for i, piece in enumerate(pieces)]
+    timed = [_time_piece(piece) for piece in pieces]
+    # the last setpoint of a piece is the first of the next one
+    kept = [piece if i == 0 else tuple(a[1:] for a in piece) for i, piece in enumerate(timed)]
     tip, velocity, position, quaternion = (
         np.concatenate(parts) for parts in zip(*kept, strict=True)
     )
     counts = np.array([len(piece[0]) for piece in kept])
+    steps = np.array([piece.step for piece in pieces])
+    ends = np.cumsum(counts) - 1
     return Trajectory(
-        period_s=pace.period_s,
+        period_s=pieces[0].pace.period_s,
         tip_um=tip,
         velocity_um_s=velocity,
         object_position_um=position,
         object_quaternion_wxyz=quaternion,
-        step_of=np.repeat(np.arange(len(steps)), counts),
-        step_end=np.cumsum(counts) - 1,
+        step_of=np.repeat(steps, counts),
+        step_end=ends[np.append(steps[1:] != steps[:-1], True)],
     )
 
 
-def minimum_jerk(progress: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the minimum-jerk law and its derivative at `progress` in [0, 1] ([Flash1985]).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> [float(value[0]) for value in minimum_jerk(np.array([0.5]))]
-    [0.5, 1.875]
-    """
-    x = progress
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2
-
-
-def _time_step(step: Step, pace: Pace) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Sample one step: tips, velocities, object positions and quaternions."""
-    times, orientation = _fastest_times(step, pace)
+def _time_piece(piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Sample one piece: tips, velocities, object positions and quaternions."""
+    pace = piece.pace
+    times, orientation = _fastest_times(piece)
     # a waypoint that repeats the one before takes no time and adds nothing to the curve
     distinct = np.concatenate([[True], np.diff(times) > 0.0])
     if np.count_nonzero(distinct) < 2:
         return (
-            step.tip_um[[0, -1]],
-            np.zeros((2, *step.tip_um.shape[1:])),
-            step.object_position_um[[0, -1]],
-            step.object_quaternion_wxyz[[0, -1]],
+            piece.tip_um[[0, -1]],
+            np.zeros((2, *piece.tip_um.shape[1:])),
+            piece.object_position_um[[0, -1]],
+            piece.object_quaternion_wxyz[[0, -1]],
         )
     times = times[distinct]
-    curve = curve_through(times, step.tip_um[distinct])
-    tip_um_s, axis_um_s = curve.speed_bounds()
-    slower = max(1.0, tip_um_s / pace.travel_um_s, axis_um_s / pace.axis_um_s)
-    periods = max(1, math.ceil(PEAK_OF_MINIMUM_JERK * slower * times[-1] / pace.period_s))
-    share, share_rate = minimum_jerk(np.arange(periods + 1) / periods)
-    parameter = share * times[-1]
+    curve = curve_through(times, piece.tip_um[distinct])
+    parameter, rate = _time_law(float(times[-1]), *curve.speed_bounds(), pace)
     tip, derivative = curve.at(parameter)
-    velocity = derivative * (share_rate * times[-1] / (periods * pace.period_s))[:, None, None]
     x, y, z, w = Slerp(times, orientation[distinct])(parameter).as_quat().T
     position = np.stack(
-        [np.interp(parameter, times, axis) for axis in step.object_position_um[distinct].T], axis=1
+        [np.interp(parameter, times, axis) for axis in piece.object_position_um[distinct].T],
+        axis=1,
     )
-    return tip, velocity, position, np.stack([w, x, y, z], axis=1)
+    return tip, derivative * rate[:, None, None], position, np.stack([w, x, y, z], axis=1)
 
 
-def _fastest_times(step: Step, pace: Pace) -> tuple[FloatArray, Rotation]:
+def _time_law(
+    length_s: float, tip_um_s: float, axis_um_s: float, pace: Pace
+) -> tuple[FloatArray, FloatArray]:
+    """Return the curve's parameter at each setpoint, from 0 to `length_s`, and its rate.
+
+    At rate 1 the fastest tip runs at `tip_um_s` at most, and the fastest axis at `axis_um_s`.
+    """
+    law = Ruckig(1)
+    demand = InputParameter(1)
+    demand.target_position = [length_s]
+    demand.max_velocity = [min(1.0, pace.travel_um_s / tip_um_s, pace.axis_um_s / axis_um_s)]
+    demand.max_acceleration = [pace.acceleration_um_s2 / tip_um_s]
+    demand.max_jerk = [pace.jerk_um_s3 / tip_um_s]
+    profile = Profile(1)
+    law.calculate(demand, profile)
+    periods = max(1, math.ceil(profile.duration / pace.period_s - _SAME_PERIOD))
+    slower = profile.duration / (periods * pace.period_s)
+    states = [profile.at_time(i / periods * profile.duration) for i in range(periods + 1)]
+    parameter = np.array([position for (position,), _, _ in states])
+    rate = np.array([velocity for _, (velocity,), _ in states]) * slower
+    parameter[[0, -1]], rate[[0, -1]] = (0.0, length_s), 0.0
+    return np.clip(parameter, 0.0, length_s), rate
+
+
+def _fastest_times(piece: Piece) -> tuple[FloatArray, Rotation]:
     """Return when each waypoint could be reached at full speed all along, and the orientations.
 
     Used as the curve's parameter, this makes a roll turn the object evenly and a travel
     move the fastest finger evenly.
     """
-    orientation = Rotation.from_quat(step.object_quaternion_wxyz[:, [1, 2, 3, 0]])
-    turn_s = (orientation[:-1].inv() * orientation[1:]).magnitude() / pace.roll_rate_rad_s
-    chord_um = np.linalg.norm(np.diff(step.tip_um, axis=0), axis=-1).max(axis=1)
-    fastest = np.maximum(turn_s, chord_um / pace.travel_um_s)
+    orientation = Rotation.from_quat(piece.object_quaternion_wxyz[:, [1, 2, 3, 0]])
+    turn_s = (orientation[:-1].inv() * orientation[1:]).magnitude() / piece.pace.roll_rate_rad_s
+    chord_um = np.linalg.norm(np.diff(piece.tip_um, axis=0), axis=-1).max(axis=1)
+    fastest = np.maximum(turn_s, chord_um / piece.pace.travel_um_s)
     # below a nanosecond it is rounding, not motion
     fastest[fastest < 1e-9] = 0.0
     return np.concatenate([[0.0], np.cumsum(fastest)]), orientation

@@ -17,7 +17,8 @@ from microhand_msgs_py.msg import Plan as PlanMsg
 from microhand_msgs_py.msg import PlanOptions, PlanStep, RotationStatistics
 
 from microhand_planner.core.errors import BadRequest, InvalidPlan, InvalidRotation
-from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
+from microhand_planner.core.hold import Hold
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.plan import (
     FINGERS,
     FORMAT_VERSION,
@@ -39,6 +40,7 @@ KINDS = {
     PlanStep.PLACE: StepKind.PLACE,
     PlanStep.REMOVE: StepKind.REMOVE,
     PlanStep.TRANSLATE: StepKind.TRANSLATE,
+    PlanStep.GRIP: StepKind.GRIP,
 }
 KIND_NUMBERS = {kind: number for number, kind in KINDS.items()}
 MODES = {PlanOptions.MODE_ROBUST: Mode.ROBUST, PlanOptions.MODE_PAPER: Mode.PAPER}
@@ -133,12 +135,31 @@ def options_from_msg(message: PlanOptions) -> tuple[Finger, ContactLaw, SearchOp
     )
 
 
+def rules_from_msg(message: PlanOptions) -> GripRules:
+    """Return the margins that a plan shall keep; 0 means the default of `parameters`.
+
+    Raises
+    ------
+    InvalidNumber, InvalidParameter
+        A number outside its range.
+    """
+    rules = GripRules()
+    return GripRules(
+        margin_factor=message.margin_factor or rules.margin_factor,
+        roll_factor=message.roll_factor or rules.roll_factor,
+        least_margin_uN=_scaled(message.least_margin, UN_PER_N) or rules.least_margin_uN,
+        nominal_grip_uN=_scaled(message.nominal_grip, UN_PER_N) or rules.nominal_grip_uN,
+    )
+
+
 def _scaled(value: float, factor: float) -> float:
     """Return a number in the core's unit, with the decimals that it had before it was sent."""
     return round(value * factor, 9)
 
 
-def options_to_msg(finger: Finger, law: ContactLaw, options: SearchOptions) -> PlanOptions:
+def options_to_msg(
+    finger: Finger, law: ContactLaw, options: SearchOptions, rules: GripRules
+) -> PlanOptions:
     """Return the message of what the planner was told."""
     return PlanOptions(
         mode=MODE_NUMBERS[options.mode],
@@ -150,6 +171,10 @@ def options_to_msg(finger: Finger, law: ContactLaw, options: SearchOptions) -> P
         finger_radius=finger.radius_um / UM_PER_M,
         clearance=finger.clearance_um / UM_PER_M,
         time_limit=options.time_limit_s or 0.0,
+        margin_factor=rules.margin_factor,
+        roll_factor=rules.roll_factor,
+        least_margin=rules.least_margin_uN / UN_PER_N,
+        nominal_grip=rules.nominal_grip_uN / UN_PER_N,
     )
 
 
@@ -162,7 +187,7 @@ def plan_to_msg(plan: Plan, frame_id: str = 'station') -> PlanMsg:
         object_hash=plan.object_sha256,
         start_pose=pose_to_msg(plan.start),
         goal_pose=pose_to_msg(plan.goal),
-        options=options_to_msg(plan.finger, plan.law, plan.options),
+        options=options_to_msg(plan.finger, plan.law, plan.options, plan.rules),
         steps=[_step_to_msg(step) for step in plan.steps],
         rotations=[_rotation_to_msg(rotation) for rotation in plan.rotations],
         cost=math.radians(plan.cost_deg),
@@ -195,6 +220,7 @@ def plan_from_msg(message: PlanMsg) -> Plan:
         finger=finger,
         law=law,
         options=options,
+        rules=rules_from_msg(message.options),
         steps=tuple(_step_from_msg(i, step) for i, step in enumerate(message.steps)),
         rotations=tuple(_rotation_from_msg(rotation) for rotation in message.rotations),
     )
@@ -216,6 +242,8 @@ def _step_to_msg(step: Step) -> PlanStep:
         object_orientations=np.stack([x, y, z, w], axis=1).ravel(),
         tip_positions=m_from_um(step.tip_um).ravel(),
         contact_normals=step.normal.ravel(),
+        contact_forces=(step.force_uN / UN_PER_N).ravel(),
+        **_hold_to_fields(step.hold),
     )
 
 
@@ -237,7 +265,29 @@ def _step_from_msg(number: int, message: PlanStep) -> Step:
         object_quaternion_wxyz=quaternion[:, [3, 0, 1, 2]],
         tip_um=um_from_m(_rows(number, 'tip_positions', message.tip_positions, (FINGERS, 3))),
         normal=_rows(number, 'contact_normals', message.contact_normals, (FINGERS, 3)),
+        force_uN=UN_PER_N * _rows(number, 'contact_forces', message.contact_forces, (FINGERS, 3)),
+        hold=_hold_from_msg(message),
     )
+
+
+def _hold_to_fields(hold: Hold | None) -> dict[str, float]:
+    """Return the fields of a step that tell how firmly it holds."""
+    if hold is None:
+        return dict.fromkeys(('grip', 'grip_low', 'grip_high', 'margin'), math.nan)
+    return {
+        'grip': hold.grip_uN / UN_PER_N,
+        'grip_low': hold.low_uN / UN_PER_N,
+        'grip_high': hold.high_uN / UN_PER_N,
+        'margin': hold.margin_uN / UN_PER_N,
+    }
+
+
+def _hold_from_msg(message: PlanStep) -> Hold | None:
+    """Return how firmly a step holds; None: not planned."""
+    values = (message.grip, message.grip_low, message.grip_high, message.margin)
+    if all(math.isnan(value) for value in values):
+        return None
+    return Hold(*(_scaled(value, UN_PER_N) for value in values))
 
 
 def _rows(number: int, field: str, flat: npt.ArrayLike, row: tuple[int, ...]) -> FloatArray:
@@ -261,6 +311,7 @@ def _rotation_to_msg(rotation: RotationReport) -> RotationStatistics:
         cost=math.radians(rotation.cost_deg),
         reconfigurations=rotation.reconfigurations,
         expanded=rotation.expanded,
+        waiting=rotation.waiting,
         time=rotation.time_s,
     )
 
@@ -277,5 +328,6 @@ def _rotation_from_msg(message: RotationStatistics) -> RotationReport:
         cost_deg=_scaled(message.cost, DEG_PER_RAD),
         reconfigurations=message.reconfigurations,
         expanded=message.expanded,
+        waiting=message.waiting,
         time_s=message.time,
     )

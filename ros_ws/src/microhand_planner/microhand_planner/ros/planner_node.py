@@ -37,6 +37,7 @@ from microhand_planner.ros.conversions import (
     plan_from_msg,
     plan_to_msg,
     pose_from_msg,
+    rules_from_msg,
     tips_from_msg,
 )
 from microhand_planner.ros.workers import Workers
@@ -123,6 +124,7 @@ class PlannerNode(Node):
             finger,
             law,
             options,
+            rules_from_msg(request.options),
             start_tip_um=tips_from_msg(request.start_tips),
             cancelled=lambda: self._workers.stopping,
         )

@@ -86,6 +86,7 @@ def _run(request: Request, choice: StationChoice, as_json: bool) -> dict[str, An
                 finger=request.finger,
                 law=request.law,
                 options=request.options,
+                rules=request.rules,
             )
             write_plan(found.plan, choice.folder / 'plan.json')
             done = _execute(client, found, console)

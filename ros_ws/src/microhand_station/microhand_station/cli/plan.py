@@ -68,6 +68,7 @@ def plan(
             request.finger,
             request.law,
             request.options,
+            request.rules,
             start_tip_um=None if start_tips_um is None else np.reshape(start_tips_um, (3, 3)),
             decomposition=request.rotations,
         )

@@ -18,6 +18,7 @@ PLAN_KEYS = (
     'goal_error_deg',
     'planning_time_s',
     'plan_hash',
+    'tightest',
 )
 
 
@@ -30,7 +31,16 @@ def plan_result(plan: Plan, goal_error_deg: float, planning_time_s: float) -> di
         'goal_error_deg': goal_error_deg,
         'planning_time_s': planning_time_s,
         'plan_hash': plan_hash(plan),
+        'tightest': _tightest(plan),
     }
+
+
+def _tightest(plan: Plan) -> dict[str, Any] | None:
+    """Return the step whose grip leaves the smallest margin; None: no grip was planned."""
+    if plan.tightest is None:
+        return None
+    number, hold = plan.tightest
+    return {'step': number, 'kind': plan.steps[number].kind.value, **vars(hold)}
 
 
 def show_plan(console: Console, result: dict[str, Any]) -> None:
@@ -55,4 +65,14 @@ def show_plan(console: Console, result: dict[str, Any]) -> None:
         f'planned in {result["planning_time_s"]:.2f} s',
         soft_wrap=True,
     )
+    tightest = result['tightest']
+    if tightest is None:
+        console.print('grips were not planned: paper mode leaves forces open')
+    else:
+        console.print(
+            f'tightest: step {tightest["step"]} ({tightest["kind"]}), grip '
+            f'{tightest["grip_uN"]:.2f} µN of {tightest["low_uN"]:.2f} to '
+            f'{tightest["high_uN"]:.2f}, {tightest["margin_uN"]:.2f} µN from slipping',
+            soft_wrap=True,
+        )
     console.print(f'plan {result["plan_hash"]}', style='dim', soft_wrap=True)

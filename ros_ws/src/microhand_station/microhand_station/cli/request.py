@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.errors import BadRequest, InvalidNumber
-from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.pose import Pose
 
 UNITS_UM = {'nm': 1e-3, 'um': 1.0, 'mm': 1e3, 'm': 1e6}
@@ -36,7 +36,7 @@ class Request:
         Where the object shall be; it starts at the station's origin.
     rotations : tuple of PlanarRotation or None
         What the goal is to be made of; None: the planner chooses.
-    finger, law, options
+    finger, law, options, rules
         What the planner is told.
     """
 
@@ -47,7 +47,10 @@ class Request:
     finger: Finger
     law: ContactLaw
     options: SearchOptions
+    rules: GripRules
 
+
+_CLEARANCE_UM = {Mode.ROBUST.value: 0.5, Mode.PAPER.value: 0.0}
 
 _OPTIONS = (
     click.option('--unit', type=click.Choice(list(UNITS_UM)), help='Unit of the mesh file [um].'),
@@ -109,6 +112,41 @@ _OPTIONS = (
         show_default=True,
         help='Radius of the spherical tips.',
     ),
+    click.option(
+        '--clearance-um',
+        type=float,
+        help='Distance kept between tips [0.5; 0 in paper mode].',
+    ),
+    click.option(
+        '--margin',
+        type=float,
+        default=GripRules.margin_factor,
+        show_default=True,
+        help='Share of the friction that removals are planned with.',
+    ),
+    click.option(
+        '--roll-margin',
+        type=float,
+        default=GripRules.roll_factor,
+        show_default=True,
+        help='Share of the friction that rolling grips are planned with.',
+    ),
+    click.option(
+        '--least-margin-uN',
+        'least_margin_un',
+        type=float,
+        default=GripRules.least_margin_uN,
+        show_default=True,
+        help='Distance to slipping that a removal keeps, µN.',
+    ),
+    click.option(
+        '--grip-uN',
+        'grip_un',
+        type=float,
+        default=GripRules.nominal_grip_uN,
+        show_default=True,
+        help='Grip while rolling, where the contacts allow as much, µN.',
+    ),
     click.option('--time-limit', type=float, metavar='S', help='Give up searching after S s.'),
 )
 
@@ -134,6 +172,11 @@ def request_from(
     no_adhesion: bool,
     max_force_un: float,
     finger_radius_um: float,
+    clearance_um: float | None,
+    margin: float,
+    roll_margin: float,
+    least_margin_un: float,
+    grip_un: float,
     time_limit: float | None,
 ) -> Request:
     """Return the request that the options describe.
@@ -157,9 +200,12 @@ def request_from(
         unit_um=None if unit is None else UNITS_UM[unit],
         goal=goal,
         rotations=_as_given(euler_zyz) if mode == Mode.PAPER.value and euler_zyz else None,
-        finger=Finger(finger_radius_um),
+        finger=Finger(
+            finger_radius_um, _CLEARANCE_UM[mode] if clearance_um is None else clearance_um
+        ),
         law=ContactLaw(friction, pull_off_un, max_force_un, adhesion=not no_adhesion),
         options=SearchOptions(math.radians(step_deg), Mode(mode), time_limit),
+        rules=GripRules(margin, roll_margin, least_margin_un, grip_un),
     )
 
 

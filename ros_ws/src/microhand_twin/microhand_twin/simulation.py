@@ -15,6 +15,7 @@ from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.pose import FloatArray, Pose, readonly
 from microhand_twin.numerics import LENGTH_UNIT_UM
+from microhand_twin.surface_collision import smooth_contacts
 from microhand_twin.world import AXES, World
 
 _OBJECT_POSITION = slice(0, 3)
@@ -101,12 +102,14 @@ class Simulation:
         self._resting = self._data.qpos[: _TIPS.start].copy()
         self._data.qvel[_OBJECT_VELOCITY] = 0.0
         self._model = self._fixed
-        mujoco.mj_forward(self._model, self._data)
+        with smooth_contacts(self.world.smooth):
+            mujoco.mj_forward(self._model, self._data)
 
     def release_object(self) -> None:
         """Let go of the object: only the fingers hold it from now on."""
         self._model = self._free
-        mujoco.mj_forward(self._model, self._data)
+        with smooth_contacts(self.world.smooth):
+            mujoco.mj_forward(self._model, self._data)
 
     def advance(self, command_um: ArrayLike, duration_s: float) -> None:
         """Move the commands evenly from where they are to `command_um`, and the world with them.
@@ -129,7 +132,8 @@ class Simulation:
         velocity = (target - self._data.act) / (steps * numerics.time_step)
         self._data.ctrl[_SPRINGS] = velocity
         self._data.ctrl[_DAMPERS] = velocity
-        mujoco.mj_step(self._model, self._data, steps)
+        with smooth_contacts(self.world.smooth):
+            mujoco.mj_step(self._model, self._data, steps)
         self._data.act[:] = target  # sums of rounding errors are forces, on stiff springs
         if self._model is self._fixed:
             self._data.qpos[: _TIPS.start] = self._resting

@@ -11,13 +11,14 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from microhand_planner.core.errors import InvalidMesh
 from microhand_planner.core.parameters import ContactLaw, check_number
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.pose import FloatArray, readonly
 from microhand_twin.numerics import ADHESION_REACH_UM, LENGTH_UNIT_UM, Numerics
-from microhand_twin.object_shape import Ellipsoid, ellipsoid_of, is_convex
+from microhand_twin.object_shape import Ellipsoid, ellipsoid_of
+from microhand_twin.smooth_surface import smooth_surface
+from microhand_twin.surface_table import surface_table
 
 AXES = FINGERS * 3
 
@@ -48,6 +49,8 @@ class World:
         Springs between a finger's command and its tip, the same in all directions [µN/µm].
     numerics : Numerics
         Units and settings of the engine.
+    smooth : bool
+        True: collisions need `surface_collision.smooth_contacts`.
     """
 
     model: mujoco.MjModel
@@ -56,6 +59,7 @@ class World:
     finger_radius_um: float
     stiffness_uN_per_um: FloatArray
     numerics: Numerics
+    smooth: bool
 
 
 def build_world(
@@ -76,7 +80,7 @@ def build_world(
     Parameters
     ----------
     part : Part
-        The object; an ellipsoid is told to MuJoCo as such, other convex parts as a mesh.
+        The object. An ellipsoid is MuJoCo's own; tips roll on others' smooth surfaces.
     law : ContactLaw
         True friction and pull-off force; by default the planner's defaults.
     finger_radius_um : float
@@ -97,7 +101,6 @@ def build_world(
     stiffness = np.array(np.broadcast_to(np.asarray(stiffness_uN_per_um, dtype=float), (FINGERS,)))
     for value in stiffness:
         check_number('stiffness', float(value), low=0.1, high=1e4)
-    object_xml, assets_xml = _object_xml(part, numerics)
     fingers_xml = ''.join(_finger_xml(i, finger_radius_um, numerics) for i in range(FINGERS))
     servos_xml = ''.join(_servos_xml(i, stiffness[i], numerics) for i in range(FINGERS))
     adhesion_xml = ''.join(
@@ -109,45 +112,58 @@ def build_world(
         friction=law.friction,
         torsion=numerics.torsion_um / LENGTH_UNIT_UM,
     )
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco model={quoteattr(part.name)}>{settings}<asset>{assets_xml}</asset>'
-        f'<worldbody>{object_xml}{fingers_xml}</worldbody>'
+    ellipsoid = ellipsoid_of(part)
+    geom_xml = _ellipsoid_xml(ellipsoid) if ellipsoid else _carrier_xml(part)
+    spec = mujoco.MjSpec.from_string(
+        f'<mujoco model={quoteattr(part.name)}>{settings}'
+        f'<worldbody>{_object_xml(geom_xml, part, numerics)}{fingers_xml}</worldbody>'
         f'<actuator>{servos_xml}{adhesion_xml}</actuator></mujoco>'
     )
-    return World(model, part, law, finger_radius_um, readonly(stiffness), numerics)
+    if ellipsoid is None:
+        table = surface_table(smooth_surface(part), finger_radius_um, LENGTH_UNIT_UM)
+        spec.add_numeric(name='surface', data=table, size=len(table))
+        spec.add_mesh(
+            name='object',
+            uservert=(part.vertices_um / LENGTH_UNIT_UM).ravel(),
+            userface=part.faces.ravel(),
+        )
+    model = spec.compile()
+    return World(
+        model, part, law, finger_radius_um, readonly(stiffness), numerics, ellipsoid is None
+    )
 
 
-def _object_xml(part: Part, numerics: Numerics) -> tuple[str, str]:
-    """Return the object's body and the meshes that it needs."""
+def _object_xml(geom_xml: str, part: Part, numerics: Numerics) -> str:
+    """Return the object's body: it moves freely, and turns as evenly as a ball."""
     radius_um = float(np.linalg.norm(part.extents_um)) / np.sqrt(12.0)
     inertia = numerics.object_mass * 0.4 * (radius_um / LENGTH_UNIT_UM) ** 2
-    ellipsoid = ellipsoid_of(part)
-    geom, assets = _ellipsoid_geom(ellipsoid) if ellipsoid else _mesh_geom(part)
     return (
         '<body name="object"><freejoint/>'
         f'<inertial pos="0 0 0" mass="{numerics.object_mass}" '
-        f'diaginertia="{inertia} {inertia} {inertia}"/>{geom}</body>'
-    ), assets
+        f'diaginertia="{inertia} {inertia} {inertia}"/>{geom_xml}</body>'
+    )
 
 
-def _ellipsoid_geom(ellipsoid: Ellipsoid) -> tuple[str, str]:
+def _ellipsoid_xml(ellipsoid: Ellipsoid) -> str:
     """Return an exact ellipsoid."""
     x, y, z, w = Rotation.from_matrix(ellipsoid.axes).as_quat()
     return (
         f'<geom name="object" type="ellipsoid" pos="{_units(ellipsoid.centre_um)}" '
         f'quat="{w} {x} {y} {z}" size="{_units(ellipsoid.semi_axes_um)}" '
         'contype="2" conaffinity="1"/>'
-    ), ''
+    )
 
 
-def _mesh_geom(part: Part) -> tuple[str, str]:
-    """Return the mesh, which MuJoCo replaces by its convex hull."""
-    if not is_convex(part):
-        raise InvalidMesh('object', f'{part.name}, which is not convex', 'a convex object')
-    faces = ' '.join(map(str, part.faces.ravel()))
+def _carrier_xml(part: Part) -> str:
+    """Return a box that stands for the smooth surface in collisions, and the mesh to look at.
+
+    The box has to hold the surface, which stands out of the mesh by less than 1 % of its size.
+    """
+    size_um = np.abs(part.vertices_um).max(axis=0) + 0.01 * part.extents_um
     return (
-        '<geom name="object" type="mesh" mesh="object" contype="2" conaffinity="1"/>',
-        f'<mesh name="object" vertex="{_units(part.vertices_um)}" face="{faces}"/>',
+        f'<geom name="object" type="box" size="{_units(size_um)}" group="3" '
+        'contype="2" conaffinity="1"/>'
+        '<geom name="object_mesh" type="mesh" mesh="object" contype="0" conaffinity="0"/>'
     )
 
 

@@ -1,78 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the driver node: declared with unit, range and description, read as values.
-
-On the ROS side everything is SI. An integer is accepted wherever a double is meant: YAML files and
-command lines write ``150`` for 150.0.
-"""
+"""Parameters of the driver node: declared with unit, range and description, read as values."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from stage_driver_sim.controller import ControllerSettings
 from stage_driver_sim.conversions import UM_PER_M
 from stage_driver_sim.errors import InvalidParameter
 from stage_driver_sim.model import AxisParameters
+from stage_driver_sim.parameter_spec import ParameterSpec, declare_specs
 from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
 from stage_driver_sim.protocol import AXES, Vector
-
-
-@dataclass(frozen=True)
-class ParameterSpec:
-    """One numeric parameter.
-
-    Parameters
-    ----------
-    name : str
-        ROS name.
-    default : int or float or list of 3 float
-        Its type decides what is accepted: an integer, a number, one number per axis.
-    low, high : float
-        Allowed range, ends included.
-    unit : str
-        SI unit.
-    description : str
-        What it means.
-    """
-
-    name: str
-    default: int | float | list[float]
-    low: float
-    high: float
-    unit: str
-    description: str
-
-    def objection(self, value: object) -> str:
-        """Return why `value` is not allowed; empty if it is."""
-        numbers = list(value) if isinstance(value, Iterable) else [value]
-        count, kind = 1, 'a number'
-        if isinstance(self.default, list):
-            count, kind = 3, 'three numbers'
-        elif isinstance(self.default, int):
-            kind = 'an integer'
-        if len(numbers) == count and all(self._fits(x) for x in numbers):
-            return ''
-        allowed = f'{kind} from {self.low:g} to {self.high:g} {self.unit}'
-        return f'{self.name} is {value}; allowed: {allowed.rstrip()}'
-
-    def _fits(self, number: object) -> bool:
-        """Return whether `number` has an accepted type and lies in the range."""
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            return False
-        if isinstance(self.default, int) and isinstance(number, float):
-            return False
-        return self.low <= number <= self.high
 
 
 def _per_axis(field: str, scale: float = 1.0) -> list[float]:
@@ -150,19 +93,7 @@ def declare_parameters(node: Node) -> None:
     rclpy.exceptions.ParameterException
         An override is not allowed.
     """
-    specs = {spec.name: spec for spec in SPECS}
-
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name in specs:
-                objection = specs[parameter.name].objection(parameter.value)
-                if objection:
-                    return SetParametersResult(successful=False, reason=objection)
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(check)
-    for spec in SPECS:
-        node.declare_parameter(spec.name, spec.default, _descriptor(spec))
+    declare_specs(node, SPECS, 'read when the node is configured')
     node.declare_parameter(
         'hardware_id',
         '',
@@ -222,21 +153,3 @@ def read_parameters(node: Node) -> DriverParameters:
         control_period_s=1.0 / number('control_rate'),
         state_period_s=1.0 / number('state_rate'),
     )
-
-
-def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
-    """Return what ``ros2 param describe`` shows; the range is checked by `objection`."""
-    descriptor = ParameterDescriptor(
-        description=f'[{spec.unit}] {spec.description}' if spec.unit else spec.description,
-        additional_constraints='read when the node is configured',
-        dynamic_typing=True,
-    )
-    if isinstance(spec.default, int):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)
-        ]
-    else:
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=spec.low, to_value=spec.high, step=0.0)
-        ]
-    return descriptor

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How MuJoCo is set up for micro-newtons: its units, its time step and its contacts.
 
-MuJoCo has no units, but it has constants that suit metres and newtons. So it is given 10 µm for one
-unit of length and 1 µN for one of force; nothing else in the project sees these. The unit of
-time is free: gravity is nothing here, and forces of inertia must be nothing, so time only says how
-fast a command moves through a world whose masses are numbers of order one. With 10 ms the
+MuJoCo has no units, but it has constants that suit metres and newtons. So it is given 10 µm for
+one unit of length and 1 µN for one of force; nothing else in the project sees these. The unit of
+time is free: gravity is nothing here, and forces of inertia must be nothing, so time only says
+how fast a command moves through a world whose masses are numbers of order one. With 10 ms the
 fingers settle in 0.3 ms, far faster than any command, and a second of motion is 20 000 steps.
 """
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from numpy.typing import NDArray
 
 from microhand_planner.core.part import Part
 from microhand_planner.core.pose import FloatArray, readonly
@@ -15,11 +15,8 @@ ELLIPSOID_SHARE = 1e-4
 """A vertex may lie this far off an ellipsoid, over the smallest semi-axis."""
 FACET_SHARE = 0.02
 """The middle of a face may lie this far inside it: a cube's corners lie on a sphere, too."""
-HOLLOW_UM = 0.005
-"""A vertex may lie this deep below the convex hull of a convex part [µm]."""
 
 _FEWEST_VERTICES = 40
-_CHUNK = 256
 
 
 @dataclass(frozen=True)
@@ -44,8 +41,8 @@ class Ellipsoid:
 def ellipsoid_of(part: Part) -> Ellipsoid | None:
     """Return the ellipsoid that a part is, or None if it is none.
 
-    The quadric nearest to the vertices is fitted by least squares. The part is an ellipsoid if every
-    vertex lies within 0.01 % of the smallest semi-axis of it, and the middle of every face
+    The quadric nearest to the vertices is fitted by least squares. The part is an ellipsoid if
+    every vertex lies within 0.01 % of the smallest semi-axis of it, and the middle of every face
     within 2 %.
 
     Parameters
@@ -68,11 +65,14 @@ def ellipsoid_of(part: Part) -> Ellipsoid | None:
         return None
     centre = -0.5 * np.linalg.solve(quadric, factors[6:])
     semi_axes = np.sqrt((1.0 + centre @ quadric @ centre) / stretch)
-    axes = _along_coordinates(axes)
+    order = _order_along_coordinates(axes)
+    axes = axes[:, order]
+    if np.linalg.det(axes) < 0.0:
+        axes = axes * [1.0, 1.0, -1.0]
     found = Ellipsoid(
         readonly(middle_um + scale_um * centre),
-        readonly(scale_um * semi_axes[axes[1]]),
-        readonly(axes[0]),
+        readonly(scale_um * semi_axes[order]),
+        readonly(axes),
     )
     middles_um = vertices_um[part.faces].mean(axis=1)
     if _farthest_off(found, vertices_um) > ELLIPSOID_SHARE:
@@ -80,29 +80,10 @@ def ellipsoid_of(part: Part) -> Ellipsoid | None:
     return found if _farthest_off(found, middles_um) <= FACET_SHARE else None
 
 
-def is_convex(part: Part) -> bool:
-    """Return whether a part is its own convex hull: no vertex lies deeper than 5 nm below it."""
-    hull = ConvexHull(part.vertices_um)
-    inner = np.setdiff1d(np.arange(len(part.vertices_um)), hull.vertices)
-    planes = np.unique(np.round(hull.equations, 9), axis=0)
-    for first in range(0, len(inner), _CHUNK):
-        points_um = part.vertices_um[inner[first : first + _CHUNK]]
-        depth_um = -(points_um @ planes[:, :3].T + planes[:, 3]).max(axis=1)
-        if np.any(depth_um > HOLLOW_UM):
-            return False
-    return True
-
-
-def _along_coordinates(axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return right-handed axes in the order of the coordinates that they are nearest to."""
+def _order_along_coordinates(axes: FloatArray) -> NDArray[np.intp]:
+    """Return the order in which axes (columns) are nearest to x, y and z, if there is one."""
     order = np.argmax(np.abs(axes), axis=1)
-    if len(set(order.tolist())) < 3:
-        order = np.arange(3)
-    ordered = axes[:, order]
-    ordered = ordered * np.where(np.diag(ordered) < 0.0, -1.0, 1.0)
-    if np.linalg.det(ordered) < 0.0:
-        ordered[:, 2] *= -1.0
-    return ordered, order
+    return order if len(set(order.tolist())) == len(order) else np.arange(len(order))
 
 
 def _farthest_off(ellipsoid: Ellipsoid, points_um: FloatArray) -> float:

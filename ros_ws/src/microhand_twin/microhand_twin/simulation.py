@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.pose import FloatArray, Pose, readonly
+from microhand_twin.contacts import Contacts, read_contacts
 from microhand_twin.numerics import LENGTH_UNIT_UM
 from microhand_twin.surface_collision import smooth_contacts
 from microhand_twin.world import AXES, World
@@ -25,32 +25,8 @@ _TIPS = slice(7, 7 + AXES)
 _SPRINGS = slice(0, 2 * AXES, 2)
 _DAMPERS = slice(1, 2 * AXES, 2)
 _ADHESION = slice(2 * AXES, None)
-_FIXED_MASS = 1e9
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """What the three fingers feel.
-
-    Parameters
-    ----------
-    touching : (3,) bool
-        Fingers within reach of the object's adhesion: tip and surface at most 5 nm apart.
-    normal_uN : (3,) float
-        Normal force f_n, pressing > 0; down to minus the pull-off force [µN].
-    tangential_uN : (3,) float
-        Tangential force |f_t| [µN].
-    friction_use : (3,) float
-        ``|f_t| / (µ (f_n + f_po))``: 1 slips; 0 without contact.
-    force_uN : (3, 3) float
-        Force of each finger on the object, station frame [µN].
-    """
-
-    touching: NDArray[np.bool_]
-    normal_uN: FloatArray
-    tangential_uN: FloatArray
-    friction_use: FloatArray
-    force_uN: FloatArray
+_FIXED_MASS = 1e6  # heavier, and the solver stops before the tips are at rest
+_FIXED_STEPS = 100  # in so many, no force moves it by more than 0.1 nm
 
 
 class Simulation:
@@ -87,7 +63,7 @@ class Simulation:
         """
         mujoco.mj_resetData(self._model, self._data)
         tips = np.asarray(tip_um, dtype=float).reshape(AXES) / LENGTH_UNIT_UM
-        self._data.qpos[_OBJECT_POSITION] = pose.position_um / LENGTH_UNIT_UM
+        self._data.qpos[_OBJECT_POSITION] = np.asarray(pose.position_um) / LENGTH_UNIT_UM
         self._data.qpos[_OBJECT_QUATERNION] = pose.quaternion_wxyz
         self._data.qpos[_TIPS] = tips
         self._data.act[:] = tips
@@ -133,13 +109,20 @@ class Simulation:
         self._data.ctrl[_SPRINGS] = velocity
         self._data.ctrl[_DAMPERS] = velocity
         with smooth_contacts(self.world.smooth):
-            mujoco.mj_step(self._model, self._data, steps)
+            if self._model is self._fixed:
+                self._step_fixed(steps)
+            else:
+                mujoco.mj_step(self._model, self._data, steps)
         self._data.act[:] = target  # sums of rounding errors are forces, on stiff springs
-        if self._model is self._fixed:
-            self._data.qpos[: _TIPS.start] = self._resting
-            self._data.qvel[_OBJECT_VELOCITY] = 0.0
         if not np.all(np.isfinite(self._data.qpos)):
             raise RunFailed(f'the simulation diverged at {self.time_s:.3f} s')
+
+    def _step_fixed(self, steps: int) -> None:
+        """Step with the object put back, again and again, to where it rests."""
+        for done in range(0, steps, _FIXED_STEPS):
+            mujoco.mj_step(self._model, self._data, min(_FIXED_STEPS, steps - done))
+            self._data.qpos[: _TIPS.start] = self._resting
+            self._data.qvel[_OBJECT_VELOCITY] = 0.0
 
     @property
     def time_s(self) -> float:
@@ -153,6 +136,11 @@ class Simulation:
             self._data.qpos[_OBJECT_POSITION] * LENGTH_UNIT_UM,
             self._data.qpos[_OBJECT_QUATERNION].copy(),
         )
+
+    @property
+    def object_position_um(self) -> FloatArray:
+        """Origin of the object frame (3,), station frame [µm]."""
+        return readonly(self._data.qpos[_OBJECT_POSITION] * LENGTH_UNIT_UM)
 
     @property
     def object_rotation(self) -> Rotation:
@@ -172,41 +160,7 @@ class Simulation:
 
     def contacts(self) -> Contacts:
         """Return what the fingers feel now, in the last step of the integration."""
-        law, data = self.world.law, self._data
-        touching = np.zeros(FINGERS, dtype=bool)
-        pressing_uN = np.zeros(FINGERS)
-        tangential_uN = np.zeros(FINGERS)
-        force_uN = np.zeros((FINGERS, 3))
-        pulls: list[list[FloatArray]] = [[], [], []]
-        for contact in data.contact:
-            bodies = self._model.geom_bodyid[contact.geom]
-            finger = int(bodies.max()) - 2
-            # frame[0] points from the first geom to the second
-            into_object = np.array(contact.frame[:3]) * (1.0 if bodies[1] == 1 else -1.0)
-            touching[finger] = True
-            pulls[finger].append(into_object)
-            if contact.efc_address < 0:  # within reach, but apart
-                continue
-            normal, *along = data.efc_force[contact.efc_address : contact.efc_address + 3]
-            frame = np.array(contact.frame).reshape(3, 3)
-            sideways = (along[0] * frame[1] + along[1] * frame[2]) * (
-                1.0 if bodies[1] == 1 else -1.0
-            )
-            pressing_uN[finger] += normal
-            tangential_uN[finger] += float(np.linalg.norm(along))
-            force_uN[finger] += normal * into_object + sideways
-        for finger, directions in enumerate(pulls):
-            if directions:  # adhesion pulls evenly at all contacts of a tip
-                force_uN[finger] -= law.stick_uN * np.mean(directions, axis=0)
-        limit_uN = law.friction * pressing_uN
-        use = np.divide(tangential_uN, limit_uN, out=np.zeros(FINGERS), where=limit_uN > 0.0)
-        return Contacts(
-            touching=touching,
-            normal_uN=np.where(touching, pressing_uN - law.stick_uN, 0.0),
-            tangential_uN=tangential_uN,
-            friction_use=use,
-            force_uN=force_uN,
-        )
+        return read_contacts(self._model, self._data, self.world.law)
 
 
 def _with_heavy_object(model: mujoco.MjModel) -> mujoco.MjModel:

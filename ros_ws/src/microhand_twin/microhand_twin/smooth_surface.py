@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smooth surface behind a mesh: one cubic patch per face.
 
-Facets are not there on the real part. Those of a fine mesh lie 10 to 40 nm below the surface that they
-stand for; on a finger of 100 N/m that is a force of 1 to 4 µN that comes and goes with every
+Facets are not there on the real part. Those of a fine mesh lie 10 to 40 nm below the surface that
+they stand for; on a finger of 100 N/m that is a force of 1 to 4 µN that comes and goes with every
 facet that rolls by. So the twin rolls on curved triangles through the same vertices: cubic Bézier
 patches built from the corners' normals ([Vlachos2001]), whose edges come close to circular arcs.
 As in the planner's sections, a turn of more than 20° between two faces is an edge of the part and
@@ -67,9 +67,9 @@ class _Corners:
 def smooth_surface(part: Part) -> SmoothSurface:
     """Return the smooth surface behind a part's mesh.
 
-    The normal of a corner is that of the cubic through the vertices around it, two faces far, in the
-    sense of least squares. For the catalogue's parts the surface is within 0.6 nm of their formulas,
-    their meshes are within 40 nm.
+    The normal of a corner is that of the cubic that comes nearest to the vertices around it, two
+    faces far. For the catalogue's parts the surface is within 0.6 nm of their formulas; the flat
+    faces are within 40 nm.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _corners(faces: IntArray, face_normal: FloatArray) -> _Corners:
 
 
 def _components(rows: IntArray, columns: IntArray, count: int) -> tuple[int, IntArray]:
-    """Number the connected components of a graph."""
+    """Return how many connected components a graph has, and the number of each node's."""
     links = sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
     number, of = connected_components(links, directed=False)
     return int(number), of.astype(np.int64)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lets MuJoCo ask us where tips touch a smooth surface.
 
-MuJoCo keeps a table of collision functions, one for each pair of geometry types, that programs may
-change (``mjCOLLISIONFUNC`` of its C interface). Ours stands in the place for a sphere and a box
-while the twin steps its worlds, and only then; other models in the same process never meet it. In the
-twin's worlds a box is what carries a smooth surface; the surface itself is the first custom number
-field of the model, as `surface_table` wrote it.
+MuJoCo keeps a table of collision functions, one for each pair of geometry types, that programs
+may change (``mjCOLLISIONFUNC`` of its C interface). Ours stands in the place for a sphere and a
+box while the twin steps its worlds, and only then: other models in the same process never meet
+it. In the twin's worlds a box is what carries a smooth surface; the surface itself is the first
+custom number field of the model, as `surface_table` wrote it.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def _collision_function() -> Any:
 def _offset_of(owner: Any, array: FloatArray) -> int:
     """Return where in the C struct of a model or its data the pointer to an array is, in words.
 
-    The bindings show arrays, not the structs. Searching for the pointer holds for every version. An
-    empty array has the address of the next one, and comes before it in the struct: the last counts.
+    The bindings show arrays, not the structs. Searching for the pointer holds for every version.
+    An empty array has the address of the next one, and comes before it: the last match counts.
     """
     wanted = array.__array_interface__['data'][0]
     found = None
@@ -98,7 +98,7 @@ def _offset_of(owner: Any, array: FloatArray) -> int:
     raise RuntimeError(f'MuJoCo {mujoco.__version__} lays out its data in an unknown way')
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def _pointer(typing_context: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
     """Turn an address, an integer, into a pointer."""
 

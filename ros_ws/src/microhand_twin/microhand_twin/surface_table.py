@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from microhand_planner.core.pose import FloatArray
-from microhand_twin.smooth_surface import SmoothSurface
+from microhand_twin.smooth_surface import IntArray, SmoothSurface
 
 MARK = 20210.5
 HEADER = 4
@@ -71,8 +71,8 @@ def surface_table(surface: SmoothSurface, tip_radius_um: float, unit_um: float) 
     return np.concatenate([header, boxes.ravel(), rows.ravel()])
 
 
-def _leaf_order(control: FloatArray, leaves: int) -> np.ndarray:
-    """Return which patch each leaf holds, -1 for none: halved along the longest side, again and again."""
+def _leaf_order(control: FloatArray, leaves: int) -> IntArray:
+    """Return which patch each leaf holds, -1 for none: halves along the longest side, repeated."""
     middles = control.mean(axis=1)
     order = np.full(leaves, -1)
     order[: len(middles)] = np.arange(len(middles))

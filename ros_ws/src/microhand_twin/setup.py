@@ -20,5 +20,6 @@ setup(
         (f'share/{NAME}', ['package.xml']),
     ],
     install_requires=['microhand_planner', 'mujoco', 'numpy', 'scipy'],
+    entry_points={'console_scripts': ['twin = microhand_twin.ros.twin_node:main']},
     zip_safe=True,
 )

@@ -9,10 +9,10 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -21,8 +21,10 @@ from microhand_planner.core.parameters import check_number
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.trajectory import Pace
 from microhand_planner.core.travel import AXES, StageLimits
+from microhand_station.contact_config import STIFFNESS_N_PER_M, ContactConfig, TwinConfig
 
 Vector = tuple[float, float, float]
+Made = TypeVar('Made')
 
 NAME = re.compile(r'^[A-Za-z][A-Za-z0-9_]*$')
 NAMESPACE = re.compile(r'^(/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*)?$')
@@ -40,6 +42,8 @@ class FingerConfig:
         Travel and home position, stage frame [µm].
     max_velocity_um_s : float
         Per axis [µm/s].
+    stiffness_n_per_m : float
+        Of the finger between stage and tip, in all directions [N/m = µN/µm].
     driver : mapping
         Further parameters of the stage driver, by their ROS names, in SI units.
     """
@@ -49,11 +53,13 @@ class FingerConfig:
     upper_um: Vector = (200.0, 200.0, 200.0)
     home_um: Vector = (100.0, 100.0, 100.0)
     max_velocity_um_s: float = 3500.0
+    stiffness_n_per_m: float = STIFFNESS_N_PER_M
     driver: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that the travel is a range, and home within it."""
         check_number('max_velocity_um_s', self.max_velocity_um_s, low=0.0, high=1e6, low_open=True)
+        check_number('stiffness_n_per_m', self.stiffness_n_per_m, low=0.1, high=1e4)
         for axis, lower, upper, home in zip(
             AXES, self.lower_um, self.upper_um, self.home_um, strict=True
         ):
@@ -81,7 +87,7 @@ class Motion:
     transit_um_s : float
         Largest speed of a tip on the way to the start of a plan [µm/s].
     speed : float
-        Scales all three.
+        Scales these three, and how fast they are reached.
     """
 
     roll_rate_deg_s: float = 90.0
@@ -102,6 +108,8 @@ class Motion:
             roll_rate_rad_s=math.radians(self.roll_rate_deg_s) * self.speed,
             travel_um_s=self.travel_um_s * self.speed,
             axis_um_s=axis_um_s,
+            acceleration_um_s2=Pace.acceleration_um_s2 * self.speed**2,
+            jerk_um_s3=Pace.jerk_um_s3 * self.speed**3,
         )
 
     def transit_pace(self, axis_um_s: float) -> Pace:
@@ -113,7 +121,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class StationConfig:
-    """A station: three fingers, their motion, and the record of what they do.
+    """A station: three fingers, how they move and touch, and the record of what they do.
 
     Parameters
     ----------
@@ -123,6 +131,10 @@ class StationConfig:
         Frame of tips and poses.
     motion : Motion
         How fast.
+    contact : ContactConfig
+        How fingers meet the object.
+    twin : TwinConfig
+        What stands in for the object.
     record : bool
         Whether a run needs a recorder.
     fingers : tuple of 3 FingerConfig
@@ -132,6 +144,8 @@ class StationConfig:
     namespace: str = ''
     frame: str = 'station'
     motion: Motion = field(default_factory=Motion)
+    contact: ContactConfig = field(default_factory=ContactConfig)
+    twin: TwinConfig = field(default_factory=TwinConfig)
     record: bool = True
     fingers: tuple[FingerConfig, ...] = (
         FingerConfig(home_um=(170.0, 100.0, 100.0)),
@@ -148,12 +162,20 @@ class StationConfig:
         if len(self.fingers) != FINGERS:
             raise BadRequest('fingers', f'a list of {len(self.fingers)}', f'a list of {FINGERS}')
 
+    @property
+    def stiffness_uN_per_um(self) -> Vector:
+        """Of fingers 1, 2, 3: µN/µm is N/m."""
+        first, second, third = (finger.stiffness_n_per_m for finger in self.fingers)
+        return first, second, third
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content of the station file that describes this station."""
         return {
             'namespace': self.namespace,
             'frame': self.frame,
             'motion': dataclasses.asdict(self.motion),
+            'contact': dataclasses.asdict(self.contact),
+            'twin': dataclasses.asdict(self.twin),
             'recording': {'required': self.record},
             'fingers': [
                 {
@@ -201,8 +223,13 @@ def config_from_dict(content: object) -> StationConfig:
         Names the key at fault, its value and what is allowed.
     """
     default = StationConfig()
-    top = _section('station', content, ('namespace', 'frame', 'motion', 'recording', 'fingers'))
+    top = _section(
+        'station',
+        content,
+        ('namespace', 'frame', 'motion', 'contact', 'twin', 'recording', 'fingers'),
+    )
     motion = _section('motion', top.get('motion', {}), tuple(vars(default.motion)))
+    contact = _section('contact', top.get('contact', {}), tuple(vars(default.contact)))
     recording = _section('recording', top.get('recording', {}), ('required',))
     fingers = top.get('fingers', [{}] * FINGERS)
     if not isinstance(fingers, list) or len(fingers) != FINGERS:
@@ -213,7 +240,9 @@ def config_from_dict(content: object) -> StationConfig:
     return StationConfig(
         namespace=_text('namespace', top.get('namespace', default.namespace)),
         frame=_text('frame', top.get('frame', default.frame)),
-        motion=Motion(**{key: _number(f'motion: {key}', motion[key]) for key in motion}),
+        motion=Motion(**_numbers('motion', motion)),
+        contact=_named('contact', lambda: ContactConfig(**_numbers('contact', contact))),
+        twin=_named('twin', lambda: _twin(top.get('twin', {}))),
         record=required,
         fingers=tuple(
             _finger(number, finger, default.fingers[number - 1])
@@ -228,14 +257,36 @@ def _finger(number: int, content: object, default: FingerConfig) -> FingerConfig
     given = dict(_section(name, content, tuple(vars(default))))
     for key in given.keys() - {'driver'}:
         label = f'{name}: {key}'
-        read = _number if key == 'max_velocity_um_s' else _vector
+        read = _vector if isinstance(getattr(default, key), tuple) else _number
         given[key] = read(label, given[key])
     if 'driver' in given and not isinstance(given['driver'], dict):
         raise BadRequest(f'{name}: driver', _shown(given['driver']), 'names and values')
+    return _named(name, lambda: dataclasses.replace(default, **given))
+
+
+def _twin(content: object) -> TwinConfig:
+    """Return what the twin takes to be true; null leaves it to the plan."""
+    given = dict(_section('twin', content, tuple(vars(TwinConfig()))))
+    enabled = given.pop('enabled', True)
+    if not isinstance(enabled, bool):
+        raise BadRequest('enabled', _shown(enabled), 'true or false')
+    known = {key: value for key, value in given.items() if value is not None}
+    return TwinConfig(enabled=enabled, **_numbers('twin', known))
+
+
+def _named(section: str, make: Callable[[], Made]) -> Made:
+    """Make a value; what is wrong with it is said of its section."""
     try:
-        return dataclasses.replace(default, **given)
+        return make()
     except BadRequest as error:
-        raise type(error)(f'{name}: {error.field}', error.value, error.allowed) from error
+        if error.field.startswith(f'{section}: '):
+            raise
+        raise type(error)(f'{section}: {error.field}', error.value, error.allowed) from error
+
+
+def _numbers(section: str, content: Mapping[str, Any]) -> dict[str, float]:
+    """Return the numbers of a section."""
+    return {key: _number(f'{section}: {key}', value) for key, value in content.items()}
 
 
 def _section(name: str, content: object, allowed: tuple[str, ...]) -> Mapping[str, Any]:

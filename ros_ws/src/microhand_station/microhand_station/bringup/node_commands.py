@@ -10,8 +10,12 @@ from typing import Any
 
 import yaml
 
-from microhand_planner.ros.conversions import UM_PER_M, m_from_um
+from microhand_planner.ros.conversions import UM_PER_M, UN_PER_N, m_from_um
 from microhand_station.config import FingerConfig, StationConfig
+
+STATE_RATE_HZ = 100.0
+"""Of every stage: each state is read by sequencer, twin and recorder, which costs more than
+all control loops together if it is doubled."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
             f'/finger_{finger}',
             *('-r', f'events:={root}/events'),
         )
+    if config.twin.enabled:
+        yield command('twin', 'microhand_twin.ros.twin_node', twin_parameters(config))
     yield command('planner', 'microhand_planner.ros.planner_node', {'frame': config.frame})
     yield command(
         'recorder', 'microhand_station.recording.recorder_node', {'run_dir': str(folder)}
@@ -73,6 +79,22 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
     )
 
 
+def twin_parameters(config: StationConfig) -> dict[str, Any]:
+    """Return the parameters of the twin, in SI units; what is left out follows the plan."""
+    twin = config.twin
+    parameters: dict[str, Any] = {'frame': config.frame}
+    if config.namespace:
+        parameters['frame_prefix'] = f'{config.namespace.strip("/")}/'
+    if twin.friction is not None:
+        parameters['friction'] = twin.friction
+    if twin.pull_off_uN is not None:
+        parameters['pull_off_force'] = twin.pull_off_uN / UN_PER_N
+    for finger, stage in enumerate(config.fingers, start=1):
+        parameters[f'finger_{finger}.base'] = m_from_um(stage.base_um).tolist()
+        parameters[f'finger_{finger}.stiffness'] = stage.stiffness_n_per_m
+    return parameters
+
+
 def driver_parameters(finger: int, stage: FingerConfig) -> dict[str, Any]:
     """Return the parameters of a stage driver, in SI units."""
     return {
@@ -81,5 +103,6 @@ def driver_parameters(finger: int, stage: FingerConfig) -> dict[str, Any]:
         'travel_upper': m_from_um(stage.upper_um).tolist(),
         'home': m_from_um(stage.home_um).tolist(),
         'max_velocity': stage.max_velocity_um_s / UM_PER_M,
+        'state_rate': STATE_RATE_HZ,
         **stage.driver,
     }

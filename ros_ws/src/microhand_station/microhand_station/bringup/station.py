@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole station: its six nodes as processes, configured, active, watched, and ended."""
+"""A whole station: its nodes as processes, configured, active, watched, and ended."""
 
 from __future__ import annotations
 
@@ -119,7 +119,8 @@ class RunningStation:
                     who=f'the stage driver of finger {finger}',
                     deadline_s=ANSWER_S,
                 )
-            for name in ('planner', 'sequencer', 'recorder'):
+            twin = ('twin',) if self._config.twin.enabled else ()
+            for name in ('planner', *twin, 'sequencer', 'recorder'):
                 self._wait_for(client, name)
             client.wait_until_ready(START_S)
 

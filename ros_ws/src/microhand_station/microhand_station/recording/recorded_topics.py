@@ -16,12 +16,13 @@ from microhand_msgs_py.msg import (
     SequencerState,
     SetpointChunk,
     StageState,
+    TipContact,
 )
 from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from stage_driver_sim.qos import DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
+from stage_driver_sim.qos import CONTACT, DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
 
 _ROSOUT = QoSProfile(
     depth=1000,
@@ -72,7 +73,7 @@ def recorded_topics(fingers: Sequence[int]) -> tuple[RecordedTopic, ...]:
     topics = [
         RecordedTopic('sequencer/state', SequencerState, LATCHED),
         RecordedTopic('events', RunEvent, EVENTS),
-        RecordedTopic('twin/object', ObjectState, STATE),
+        RecordedTopic('object_state', ObjectState, STATE),
         RecordedTopic('/rosout', Log, _ROSOUT),
         RecordedTopic('/diagnostics', DiagnosticArray, DIAGNOSTICS),
     ]
@@ -81,6 +82,7 @@ def recorded_topics(fingers: Sequence[int]) -> tuple[RecordedTopic, ...]:
             RecordedTopic(f'finger_{finger}/setpoints', SetpointChunk, SETPOINTS, finger)
         )
         topics.append(RecordedTopic(f'finger_{finger}/state', StageState, STATE))
+        topics.append(RecordedTopic(f'finger_{finger}/contact', TipContact, CONTACT))
     if importlib.util.find_spec('tf2_msgs') is not None:
         tf_message = importlib.import_module('tf2_msgs.msg').TFMessage
         topics.append(RecordedTopic('/tf', tf_message, _TF))

@@ -1,38 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run, from a plan to stages on target: check, record, go to the start, stream."""
+"""One run, from a plan to an object that is held at its goal: check, record, move, feel, judge."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from microhand_msgs_py.msg import Plan as PlanMsg
 
 from microhand_planner.core.errors import MicrohandError, RunFailed
-from microhand_planner.core.force_check import check_forces
-from microhand_planner.core.plan import FINGERS, Plan, Step
-from microhand_planner.core.plan_check import check_plan
-from microhand_planner.core.trajectory import Pace, Trajectory, time_steps
-from microhand_planner.core.travel import StageLimits, check_travel
-from microhand_planner.ros.conversions import plan_from_msg
+from microhand_planner.core.motions import Motion
+from microhand_planner.core.plan import FINGERS, Plan
+from microhand_planner.core.pose import FloatArray, Pose, angle_between_rad
+from microhand_planner.core.travel import check_travel
 from microhand_station.config import StationConfig
-from microhand_station.sequencer.approach_path import way_to_start
+from microhand_station.sequencer.contact_reference import ContactReference
+from microhand_station.sequencer.object_watch import (
+    OBJECT_LOST,
+    TWIN_MISSING,
+    ObjectReport,
+    check_held,
+    check_on_plan,
+)
+from microhand_station.sequencer.preflight import ANSWER_S, Cleared, Preflight
 from microhand_station.sequencer.progress import Progress, ProgressTeller
 from microhand_station.sequencer.recorder_link import RECORDER_MISSING, RecorderLink
 from microhand_station.sequencer.run_control import RunControl
 from microhand_station.sequencer.stage_link import StageLink
-from microhand_station.sequencer.stage_watch import STAGE_MISSING, check_ready
 from microhand_station.sequencer.states import Event
-from microhand_station.sequencer.streamer import LOOK_S, Streamer
+from microhand_station.sequencer.streamer import LOOK_S, PlannedAt, Streamer
+from microhand_station.sequencer.twin_link import TwinLink
 
-ANSWER_S = 5.0
-"""Longest wait for a driver or the recorder to be found, and to answer [s]."""
-READY_S = 0.5
-"""Longest wait for stages that are there to hold [s]."""
 CLOSE_RECORD_S = 10.0
 """Longest wait for the recorder to finish its file [s]."""
+VERDICT_S = 1.0
+"""Longest wait for the twin to say how the object is when the stages stand [s]."""
+STANDS_STILL_UM = 1e-3
+"""A finger that is commanded to within this of where a run left it has not moved since [µm]."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,7 @@ class Outcome:
     Parameters
     ----------
     code : int
-        See ErrorCode; 0: every setpoint was sent, and the stages are on target.
+        See ErrorCode; 0: every setpoint was sent, the stages are on target, the object is held.
     message : str
         What went wrong; empty on success.
     record_file : str
@@ -51,6 +59,10 @@ class Outcome:
         To each finger.
     duration_s : float
         Of the motion [s].
+    judged, held : bool
+        Whether the twin saw the object to the end, and whether it was held throughout.
+    final_error_rad : float
+        Between the object and its goal [rad]; NaN: not judged.
     """
 
     code: int
@@ -58,6 +70,47 @@ class Outcome:
     record_file: str
     setpoints_sent: int
     duration_s: float
+    judged: bool = False
+    held: bool = False
+    final_error_rad: float = math.nan
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """How fingers hold an object after a run: the next plan can go on from there.
+
+    Parameters
+    ----------
+    reference : ContactReference
+        Where they touched.
+    command_um : (3, 3) float
+        Where they were left, station frame [µm]; NaN: unknown.
+    """
+
+    reference: ContactReference = field(default_factory=ContactReference)
+    command_um: FloatArray = field(default_factory=lambda: np.full((FINGERS, 3), np.nan))
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to execute.
+
+    Parameters
+    ----------
+    plan : microhand_msgs_py.msg.Plan
+        As it came.
+    name : str
+        Of the record; empty: made from the time.
+    object_name : str
+        Where the twin finds the object; empty: by the plan's name for it.
+    unit_m : float
+        Of the object's mesh [m]; 0: the default.
+    """
+
+    plan: PlanMsg
+    name: str = ''
+    object_name: str = ''
+    unit_m: float = 0.0
 
 
 class Execution:
@@ -69,10 +122,14 @@ class Execution:
         Fingers 1, 2, 3.
     recorder : RecorderLink
         Used if `config` asks for a record.
+    twin : TwinLink or None
+        Stands in for the object, and judges; None: there is none.
     config : StationConfig
-        How fast, and whether to record.
+        How fast, how stiff, and whether to record.
     control : RunControl
         State, and orders of the caller. The state is STARTING.
+    grasp : Grasp
+        How the last run left the fingers.
     now_ns : callable
         ROS time [ns].
     on_progress : callable
@@ -85,125 +142,170 @@ class Execution:
         self,
         stages: Sequence[StageLink],
         recorder: RecorderLink,
+        twin: TwinLink | None,
         config: StationConfig,
         control: RunControl,
+        grasp: Grasp,
         now_ns: Callable[[], int],
         on_progress: Callable[[Progress], None],
         on_event: Callable[[str, int], None],
     ) -> None:
         self._stages = stages
         self._recorder = recorder
+        self._twin = twin
         self._config = config
         self._control = control
+        self._now_ns = now_ns
         self._on_progress = on_progress
         self._on_event = on_event
-        self._streamer = Streamer(stages, control, now_ns)
+        self._streamer = Streamer(stages, control, now_ns, self._check_object)
         self._record_file = ''
         self._duration_s = 0.0
+        self._goal: Pose | None = None
+        self.grasp = grasp
+        """How the fingers hold the object now."""
 
-    def run(self, message: PlanMsg, name: str) -> Outcome:
+    def run(self, order: Order) -> Outcome:
         """Execute a plan; every failure is in the outcome."""
         code, text = 0, ''
         try:
-            self._execute(message, name)
+            self._execute(order)
         except MicrohandError as error:
             code, text = error.code, str(error)
         except Exception as error:
             code, text = MicrohandError.code, f'unforeseen: {type(error).__name__}: {error}'
         if code:
             self._on_event(f'run ended: {text}', code)
+        judged, held, error_rad = self._verdict(code)
         if self._record_file:
             sent = [self._streamer.setpoints_sent] * FINGERS
             incomplete = self._recorder.stop(sent, CLOSE_RECORD_S)
             if incomplete and not code:
                 code, text = RECORDER_MISSING, incomplete
         return Outcome(
-            code, text, self._record_file, self._streamer.setpoints_sent, self._duration_s
+            code,
+            text,
+            self._record_file,
+            self._streamer.setpoints_sent,
+            self._duration_s,
+            judged,
+            held,
+            error_rad,
         )
 
-    def _execute(self, message: PlanMsg, name: str) -> None:
+    def _execute(self, order: Order) -> None:
         """Check everything, then move."""
-        plan = plan_from_msg(message)
-        check_plan(plan)
-        check_forces(plan)
-        self._wait_for(self._check_heard, ANSWER_S)
-        self._wait_for(lambda: check_ready(self._streamer.reports(), time.monotonic()), READY_S)
-        limits = [stage.limits(ANSWER_S) for stage in self._stages]
-        approach, trajectory = self._timed(plan, limits)
-        self._wait_for(self._check_listeners, ANSWER_S)
+        cleared = Preflight(self._stages, self._config, self._control).clear(order.plan)
+        if self._twin is not None:
+            self._twin.load(order.plan, order.object_name, order.unit_m, ANSWER_S)
         if self._config.record:
-            metadata = {'station': self._config.to_dict(), 'planned_s': trajectory.duration_s}
-            self._record_file = self._recorder.start(name, metadata, message, ANSWER_S)
+            metadata = {'station': self._config.to_dict(), 'planned_s': cleared.planned_s}
+            self._record_file = self._recorder.start(order.name, metadata, order.plan, ANSWER_S)
         self._control.check_orders()
         self._control.fire(Event.BEGIN)
+        self._goal = cleared.plan.goal
         began_s = time.monotonic()
         try:
-            self._move(plan, approach, trajectory)
+            self._move(cleared)
         finally:
             self._duration_s = time.monotonic() - began_s
 
-    def _move(self, plan: Plan, approach: Trajectory | None, trajectory: Trajectory) -> None:
-        """Go to where the plan begins, and execute it."""
+    def _move(self, cleared: Cleared) -> None:
+        """Go to where the plan begins, and execute it, motion by motion."""
+        plan = cleared.plan
         teller = ProgressTeller(
-            plan, trajectory, self._on_progress, lambda text: self._on_event(text, 0)
+            plan, cleared.motions, self._on_progress, lambda text: self._on_event(text, 0)
         )
-        if approach is not None:
+        reference = self._known_reference(plan)
+        self.grasp = Grasp()
+        if cleared.approach is not None:
             self._on_event('on the way to where the plan begins', 0)
-            self._streamer.stream(approach, lambda _: None)
-        self._streamer.stream(trajectory, teller.tell)
+            self._streamer.stream(cleared.approach, lambda _: None)
+        released = any(plan.steps[0].in_contact)
+        if released:
+            self._release()
+        for number, motion in enumerate(cleared.motions):
+            commands = reference.commands(
+                motion.trajectory, self._standing_um(), self._config.contact.speed_um_s
+            )
+            check_travel(commands.tip_um, commands.velocity_um_s, cleared.limits)
+            self._streamer.stream(commands, partial(teller.tell, number), motion.guarded)
+            if any(motion.guarded):
+                reference = self._touched(motion, reference)
+                if not released:
+                    self._release()
+                    released = True
+            reference = reference.forget(_touching_after(plan, motion))
+        self._await_verdict(plan)
+        self.grasp = Grasp(reference, self._standing_um())
         self._on_event('plan executed, stages on target', 0)
 
-    def _timed(
-        self, plan: Plan, limits: Sequence[StageLimits]
-    ) -> tuple[Trajectory | None, Trajectory]:
-        """Return the setpoints to the start of the plan, and those of the plan, both checked."""
-        tips = np.stack(
-            [
-                stage.to_station(report.command_um)
-                for stage, report in zip(limits, self._streamer.reports(), strict=True)
-                if report is not None
-            ]
-        )
-        slowest_um_s = min(stage.max_velocity_um_s for stage in limits)
-        motion = self._config.motion
-        way = way_to_start(tips, plan)
-        approach = _checked(way, motion.transit_pace(slowest_um_s), limits) if way else None
-        return approach, _checked(plan.steps, motion.pace(slowest_um_s), limits)
+    def _known_reference(self, plan: Plan) -> ContactReference:
+        """Return where fingers touched that have held the object since the last run."""
+        holding = np.array(plan.steps[0].in_contact)
+        moved_um = np.abs(self._standing_um() - self.grasp.command_um)[holding]
+        if not holding.any() or not np.all(moved_um < STANDS_STILL_UM):
+            return ContactReference()
+        return self.grasp.reference.forget(plan.steps[0].in_contact)
 
-    def _check_heard(self) -> None:
-        """Raise unless every stage has reported at least once."""
-        for finger, report in enumerate(self._streamer.reports(), start=1):
-            if report is None:
-                raise RunFailed(f'finger {finger}: its stage driver is not there', STAGE_MISSING)
+    def _standing_um(self) -> FloatArray:
+        """Return where the fingers are commanded to be, station frame (3, 3) [µm]."""
+        return np.stack([stage.command_um() for stage in self._stages])
 
-    def _check_listeners(self) -> None:
-        """Raise unless every setpoint will reach its driver, and the recorder."""
-        for finger, stage in enumerate(self._stages, start=1):
-            listeners = stage.listeners()
-            if 'stage_driver' not in listeners:
-                raise RunFailed(
-                    f'finger {finger}: its stage driver does not listen', STAGE_MISSING
-                )
-            if self._config.record and 'recorder' not in listeners:
-                raise RunFailed('the recorder is not there', RECORDER_MISSING)
+    def _touched(self, motion: Motion, reference: ContactReference) -> ContactReference:
+        """Take in where guarded fingers met the object."""
+        met_um = np.stack([stage.contact_um() for stage in self._stages])
+        reference = reference.learn(motion, met_um, self._config.contact.tolerance_um)
+        for finger in np.flatnonzero(motion.guarded):
+            off_nm = 1e3 * float(np.linalg.norm(reference.offset_um[finger]))
+            self._on_event(
+                f'finger {finger + 1} met the object {off_nm:.0f} nm from where it was planned', 0
+            )
+        return reference
 
-    def _wait_for(self, check: Callable[[], None], deadline_s: float) -> None:
-        """Return when `check` passes; raise what it says when the time is over."""
-        give_up_s = time.monotonic() + deadline_s
+    def _release(self) -> None:
+        """Leave the object to the fingers."""
+        if self._twin is not None:
+            self._twin.release(ANSWER_S)
+
+    def _check_object(self, planned_at: PlannedAt) -> None:
+        """Raise unless the twin reports that the object is where the plan has it."""
+        if self._twin is None:
+            return
+        report = self._twin.report
+        check_held(report, time.monotonic())
+        planned = None if report is None else planned_at(report.stamp_ns)
+        if report is not None and planned is not None:
+            check_on_plan(report, planned, self._config.twin)
+
+    def _await_verdict(self, plan: Plan) -> None:
+        """Return when the twin has seen the stages stand, and the object is held at the end."""
+        if self._twin is None:
+            return
+        stands_ns = self._now_ns()
+        give_up_s = time.monotonic() + VERDICT_S
         while True:
-            self._control.check_orders()
-            try:
-                check()
-            except RunFailed:
-                if time.monotonic() > give_up_s:
-                    raise
-            else:
+            self._check_object(lambda ns: plan.reached if ns >= stands_ns else None)
+            report = self._twin.report
+            if report is not None and report.stamp_ns >= stands_ns:
                 return
+            if time.monotonic() > give_up_s:
+                raise RunFailed(
+                    f'the twin is more than {VERDICT_S:g} s behind the stages', TWIN_MISSING
+                )
             self._control.wait(time.monotonic() + LOOK_S)
 
+    def _verdict(self, code: int) -> tuple[bool, bool, float]:
+        """Return whether the object was watched, is held, and how far off its goal it is [rad]."""
+        report: ObjectReport | None = None if self._twin is None else self._twin.report
+        if report is None or self._goal is None or code == TWIN_MISSING:
+            return False, False, math.nan
+        held = report.held and report.released and code != OBJECT_LOST
+        return True, held, angle_between_rad(report.pose.rotation, self._goal.rotation)
 
-def _checked(steps: Sequence[Step], pace: Pace, limits: Sequence[StageLimits]) -> Trajectory:
-    """Return the setpoints of steps that the stages can do."""
-    trajectory = time_steps(steps, pace)
-    check_travel(trajectory.tip_um, trajectory.velocity_um_s, limits)
-    return trajectory
+
+def _touching_after(plan: Plan, motion: Motion) -> tuple[bool, bool, bool]:
+    """Return which fingers touch the object when a motion is over."""
+    step = plan.steps[int(motion.trajectory.step_of[-1])].in_contact
+    first, second, third = np.logical_or(step, motion.guarded).tolist()
+    return first, second, third

@@ -14,7 +14,7 @@ from typing import Any
 
 import rclpy
 from microhand_msgs_py.action import ExecutePlan, Reorient
-from microhand_msgs_py.msg import ErrorCode, Plan, RunEvent, SequencerState
+from microhand_msgs_py.msg import ErrorCode, RunEvent, SequencerState
 from microhand_msgs_py.srv import Command, PlanRotation
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse
@@ -30,13 +30,14 @@ from microhand_planner.core.plan import FINGERS
 from microhand_planner.ros.workers import Workers
 from microhand_station.config import StationConfig, read_config
 from microhand_station.sequencer.emergency import release_stages, stop_stages
-from microhand_station.sequencer.execution import Execution, Outcome
+from microhand_station.sequencer.execution import Execution, Grasp, Order, Outcome
 from microhand_station.sequencer.planner_link import PlannerLink
 from microhand_station.sequencer.progress import Progress
 from microhand_station.sequencer.recorder_link import RecorderLink
 from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.stage_link import StageLink
 from microhand_station.sequencer.states import Event, State
+from microhand_station.sequencer.twin_link import TwinLink
 from stage_driver_sim.qos import EVENTS, LATCHED
 
 SPIN_S = 0.1
@@ -74,6 +75,8 @@ class SequencerNode(Node):
         ]
         self._recorder = RecorderLink(self)
         self._planner = PlannerLink(self)
+        self._twin = TwinLink(self) if self._config.twin.enabled else None
+        self._grasp = Grasp()
         self._workers: Workers[Any] = Workers(self, threads=3)
         self._running: ServerGoalHandle | None = None
         self._told_s = -math.inf
@@ -125,7 +128,8 @@ class SequencerNode(Node):
         request = goal.request
 
         def work() -> ExecutePlan.Result:
-            outcome = self._run(goal, request.plan, request.run_name, _execution_feedback)
+            order = Order(request.plan, request.run_name, request.object, request.unit)
+            outcome = self._run(goal, order, _execution_feedback)
             return _fill_outcome(ExecutePlan.Result(), outcome)
 
         return await self._serve(goal, work, ExecutePlan.Result(final_error=math.nan))
@@ -150,7 +154,8 @@ class SequencerNode(Node):
                 self._control,
             )
             planned_s = time.monotonic() - began_s
-            outcome = self._run(goal, plan, request.run_name, _reorientation_feedback)
+            order = Order(plan, request.run_name, request.object, request.unit)
+            outcome = self._run(goal, order, _reorientation_feedback)
             result = Reorient.Result(plan=plan, planning_time=planned_s)
             return _fill_outcome(result, outcome)
 
@@ -187,12 +192,11 @@ class SequencerNode(Node):
     def _run(
         self,
         goal: ServerGoalHandle,
-        plan: Plan,
-        name: str,
+        order: Order,
         feedback: Callable[[Progress], Any],
     ) -> Outcome:
         """Execute a plan in the present thread."""
-        self._plan_hash = plan.plan_hash
+        self._plan_hash = order.plan.plan_hash
 
         def tell(progress: Progress) -> None:
             self._progress = progress
@@ -204,13 +208,16 @@ class SequencerNode(Node):
         execution = Execution(
             self._stages,
             self._recorder,
+            self._twin,
             self._config,
             self._control,
+            self._grasp,
             now_ns=lambda: self.get_clock().now().nanoseconds,
             on_progress=tell,
             on_event=self._report,
         )
-        outcome = execution.run(plan, name)
+        outcome = execution.run(order)
+        self._grasp = execution.grasp
         self._plan_hash, self._progress = '', Progress()
         self._publish_state(self._control.state)
         return outcome
@@ -273,12 +280,13 @@ class SequencerNode(Node):
 
 
 def _fill_outcome(result: Any, outcome: Outcome) -> Any:
-    """Fill in how a run ended; nobody judged the object."""
+    """Fill in how a run ended."""
     result.error_code, result.error_msg = outcome.code, outcome.message
     result.record_file = outcome.record_file
     result.setpoints_sent = [outcome.setpoints_sent] * FINGERS
     result.duration = outcome.duration_s
-    result.object_judged, result.held, result.final_error = False, False, math.nan
+    result.object_judged, result.held = outcome.judged, outcome.held
+    result.final_error = outcome.final_error_rad
     return result
 
 

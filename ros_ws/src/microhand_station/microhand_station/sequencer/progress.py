@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from microhand_planner.core.motions import Motion
 from microhand_planner.core.plan import Plan, StepKind
-from microhand_planner.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,13 @@ class Progress:
 
 
 class ProgressTeller:
-    """Tells where a plan is, each time it is told which setpoint is due.
+    """Tells where a plan is, each time it is told which setpoint of which motion is due.
 
     Parameters
     ----------
     plan : Plan
         What is executed.
-    trajectory : Trajectory
+    motions : sequence of Motion
         Its setpoints.
     on_progress : callable
         Told every time.
@@ -52,27 +53,31 @@ class ProgressTeller:
     def __init__(
         self,
         plan: Plan,
-        trajectory: Trajectory,
+        motions: Sequence[Motion],
         on_progress: Callable[[Progress], None],
         on_step: Callable[[str], None],
     ) -> None:
         self._plan = plan
-        self._trajectory = trajectory
+        self._motions = motions
+        durations_s = [motion.trajectory.duration_s for motion in motions]
+        self._begin_s = [0.0, *itertools.accumulate(durations_s)]
         self._on_progress = on_progress
         self._on_step = on_step
         self._step = -1
 
-    def tell(self, setpoint: int) -> None:
-        """Tell how far the plan is when a setpoint of its trajectory is due."""
-        step = int(self._trajectory.step_of[setpoint])
-        last = len(self._trajectory) - 1
+    def tell(self, motion: int, setpoint: int) -> None:
+        """Tell how far the plan is when a setpoint of a motion is due."""
+        trajectory = self._motions[motion].trajectory
+        step = int(trajectory.step_of[setpoint])
+        passed_s = self._begin_s[motion] + setpoint * trajectory.period_s
+        total_s = self._begin_s[-1]
         self._on_progress(
             Progress(
                 step=step,
                 steps=len(self._plan.steps),
                 rotation=self._plan.steps[step].rotation,
-                share=setpoint / last,
-                time_left_s=(last - setpoint) * self._trajectory.period_s,
+                share=min(passed_s / total_s, 1.0),
+                time_left_s=max(total_s - passed_s, 0.0),
             )
         )
         for begun in range(self._step + 1, step + 1):

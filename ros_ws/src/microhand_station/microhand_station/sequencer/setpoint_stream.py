@@ -120,7 +120,8 @@ class SetpointStream:
 
     def _step_end(self, setpoint: int) -> int:
         """Return the last setpoint of the step that a setpoint belongs to."""
-        return int(self._trajectory.step_end[self._trajectory.step_of[setpoint]])
+        ends = self._trajectory.step_end
+        return int(ends[np.searchsorted(ends, setpoint)])
 
 
 def _along(

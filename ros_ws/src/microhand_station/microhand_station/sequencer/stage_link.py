@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from microhand_msgs_py.msg import SetpointChunk, StageState
 from microhand_msgs_py.srv import Command, GetStageLimits
@@ -12,6 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from microhand_planner.core.errors import RunFailed
+from microhand_planner.core.pose import FloatArray
 from microhand_planner.core.travel import StageLimits
 from microhand_planner.ros.conversions import UM_PER_M, m_from_um, um_from_point
 from microhand_station.config import FingerConfig
@@ -83,7 +85,31 @@ class StageLink:
         names = {info.node_name for info in infos}
         return names if self._setpoints.get_subscription_count() >= len(infos) else set()
 
-    def send(self, chunk: Chunk, stream: int, begin_ns: int, period_s: float) -> None:
+    def has_contact_sensor(self) -> bool:
+        """Whether somebody reports the contacts of this finger."""
+        return self._node.count_publishers(f'finger_{self._finger}/contact') > 0
+
+    def command_um(self) -> FloatArray:
+        """Where the tip is commanded to be, station frame, (3,) [µm].
+
+        Raises
+        ------
+        RunFailed
+            STAGE_MISSING: the stage has not reported yet.
+        """
+        if self.report is None:
+            raise RunFailed(f'finger {self._finger}: nothing heard of its stage', STAGE_MISSING)
+        return self._config.limits.to_station(self.report.command_um)
+
+    def contact_um(self) -> FloatArray:
+        """Where the tip was when it touched, station frame, (3,) [µm]; NaN: it did not."""
+        if self.report is None or not self.report.guard_tripped:
+            return np.full(3, np.nan)
+        return self._config.limits.to_station(self.report.contact_um)
+
+    def send(
+        self, chunk: Chunk, stream: int, begin_ns: int, period_s: float, guarded: bool
+    ) -> None:
         """Publish the finger's part of a chunk.
 
         Parameters
@@ -96,6 +122,8 @@ class StageLink:
             ROS time of the stream's first setpoint [ns].
         period_s : float
             Time between two setpoints [s].
+        guarded : bool
+            The stage stops at contact.
         """
         finger = self._finger - 1
         positions = self._config.limits.to_stage(chunk.tip_um[:, finger])
@@ -106,6 +134,7 @@ class StageLink:
             positions=m_from_um(positions).ravel(),
             velocities=m_from_um(chunk.velocity_um_s[:, finger]).ravel(),
             last=chunk.last,
+            guarded=guarded,
         )
         stamp_ns = begin_ns + round(chunk.first * period_s * NS_PER_S)
         message.header.stamp = Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
@@ -147,4 +176,6 @@ class StageLink:
             underruns=state.underruns,
             error_code=state.error_code,
             error_msg=state.error_msg,
+            guard_tripped=state.guard_tripped,
+            contact_um=um_from_point(state.contact_position),
         )

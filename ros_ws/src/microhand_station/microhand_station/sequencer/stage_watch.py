@@ -16,6 +16,7 @@ from microhand_planner.core.travel import AXES
 STAGE_MISSING = 300
 STAGE_FAULT = 301
 STREAM_BROKEN = 303
+NO_CONTACT = 310
 
 SILENCE_S = 0.5
 """A stage that has not reported for longer is gone [s]."""
@@ -54,6 +55,10 @@ class StageReport:
         See ErrorCode; 0: none.
     error_msg : str
         What the driver says about it.
+    guard_tripped : bool
+        The stream was guarded, and ended at a contact.
+    contact_um : (3,) float
+        Where the stage was when its tip touched, stage frame [µm]; NaN: it did not.
     """
 
     arrived_s: float
@@ -66,6 +71,8 @@ class StageReport:
     underruns: int
     error_code: int
     error_msg: str
+    guard_tripped: bool
+    contact_um: FloatArray
 
 
 def check_alive(reports: Sequence[StageReport | None], now_s: float) -> None:
@@ -81,7 +88,7 @@ def check_alive(reports: Sequence[StageReport | None], now_s: float) -> None:
     Raises
     ------
     RunFailed
-        STAGE_MISSING, STREAM_BROKEN or STAGE_FAULT; the message names the finger.
+        STAGE_MISSING, STREAM_BROKEN, NO_CONTACT or STAGE_FAULT; the message names the finger.
     """
     for finger, report in enumerate(reports, start=1):
         if report is None:
@@ -97,7 +104,7 @@ def check_alive(reports: Sequence[StageReport | None], now_s: float) -> None:
             code = report.error_code or STAGE_FAULT
             raise RunFailed(
                 f'finger {finger}: {report.error_msg or "its stage reports a fault"}',
-                STREAM_BROKEN if code == STREAM_BROKEN else STAGE_FAULT,
+                code if code in (STREAM_BROKEN, NO_CONTACT) else STAGE_FAULT,
             )
         if report.mode in (Mode.OFF, Mode.STOPPED):
             raise RunFailed(
@@ -123,11 +130,11 @@ def check_ready(reports: Sequence[StageReport | None], now_s: float) -> None:
 
 
 def finished(reports: Sequence[StageReport | None], stream: int, setpoints: int) -> bool:
-    """Return whether every stage has all setpoints of a stream and holds, on target."""
+    """Return whether every stage holds on target after a stream: at its end, or at a contact."""
     return all(
         report is not None
         and report.stream == stream
-        and report.received == setpoints
+        and (report.received == setpoints or report.guard_tripped)
         and report.mode is Mode.HOLDING
         and report.on_target
         for report in reports
@@ -139,7 +146,8 @@ def what_is_missing(reports: Sequence[StageReport | None], stream: int, setpoint
     for finger, report in enumerate(reports, start=1):
         if report is None:
             return f'finger {finger}: nothing heard of its stage'
-        if report.stream != stream or report.received != setpoints:
+        complete = report.received == setpoints or report.guard_tripped
+        if report.stream != stream or not complete:
             accepted = report.received if report.stream == stream else 0
             return f'finger {finger}: accepted {accepted} of {setpoints} setpoints'
         error_um = report.position_um - report.command_um

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from microhand_planner.core.errors import RunFailed
+from microhand_planner.core.pose import Pose
 from microhand_planner.core.trajectory import Trajectory
 from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.setpoint_stream import SetpointStream
@@ -29,6 +31,9 @@ SETTLE_S = 2.0
 LOOK_S = 0.02
 """How often the stages are looked at while nothing has to be sent [s]."""
 
+PlannedAt = Callable[[int], Pose | None]
+"""Returns where the plan has the object at a ROS time [ns]; None: nothing is said about then."""
+
 
 class Streamer:
     """Sends trajectories to the three stages, one stream at a time.
@@ -41,14 +46,21 @@ class Streamer:
         Orders of the caller, and news of the stages.
     now_ns : callable
         ROS time [ns].
+    check_object : callable
+        Raises RunFailed if the object is not where it should be.
     """
 
     def __init__(
-        self, stages: Sequence[StageLink], control: RunControl, now_ns: Callable[[], int]
+        self,
+        stages: Sequence[StageLink],
+        control: RunControl,
+        now_ns: Callable[[], int],
+        check_object: Callable[[PlannedAt], None],
     ) -> None:
         self._stages = stages
         self._control = control
         self._now_ns = now_ns
+        self._check_object = check_object
         self.setpoints_sent = 0
         """To each finger, over all streams."""
 
@@ -56,7 +68,12 @@ class Streamer:
         """Return the last report of each stage."""
         return [stage.report for stage in self._stages]
 
-    def stream(self, trajectory: Trajectory, tell: Callable[[int], None]) -> None:
+    def stream(
+        self,
+        trajectory: Trajectory,
+        tell: Callable[[int], None],
+        guarded: Sequence[bool] = (False, False, False),
+    ) -> None:
         """Stream a trajectory to its end, and pause where the caller wants it.
 
         Parameters
@@ -65,29 +82,43 @@ class Streamer:
             Begins where the stages stand.
         tell : callable
             Told which setpoint of the trajectory is due, several times a second.
+        guarded : sequence of 3 bool
+            Fingers that stop at contact.
 
         Raises
         ------
         RunFailed
-            A cancel, an emergency stop, or a stage that failed. Except after an emergency stop,
-            the other stages have been brought to rest on the path.
+            A cancel, an emergency stop, a stage that failed, or an object that is lost. Except
+            after an emergency stop, the stages have been brought to rest on the path.
         """
         begin = 0
-        while True:
+        while begin < len(trajectory) - 1:
+            self._pause()
             stream = SetpointStream(trajectory, begin)
-            self._send(stream, trajectory.period_s, tell)
+            self._send(stream, trajectory, tell, guarded)
             begin = stream.position
-            if begin == len(trajectory) - 1:
-                return
-            self._control.fire(Event.PAUSE)
-            while self._control.pause_wanted:
-                self._control.check_orders()
-                check_alive(self.reports(), time.monotonic())
-                self._control.wait(time.monotonic() + LOOK_S)
-            self._control.fire(Event.RESUME)
 
-    def _send(self, stream: SetpointStream, period_s: float, tell: Callable[[int], None]) -> None:
+    def _pause(self) -> None:
+        """Stand as long as the caller wants it."""
+        if not self._control.pause_wanted:
+            return
+        self._control.fire(Event.PAUSE)
+        while self._control.pause_wanted:
+            broken = self._why_to_stop(lambda _: None)
+            if broken is not None:
+                raise broken
+            self._control.wait(time.monotonic() + LOOK_S)
+        self._control.fire(Event.RESUME)
+
+    def _send(
+        self,
+        stream: SetpointStream,
+        trajectory: Trajectory,
+        tell: Callable[[int], None],
+        guarded: Sequence[bool],
+    ) -> None:
         """Send a stream ahead of time; a cancel or a fault turns its rest into a ramp."""
+        period_s = trajectory.period_s
         number = 1 + max(report.stream for report in self.reports() if report is not None)
         begin_s = time.monotonic() + LEAD_S
         begin_ns = self._now_ns() + round((begin_s - time.monotonic()) * NS_PER_S)
@@ -96,9 +127,15 @@ class Streamer:
         def tell_due() -> None:
             tell(stream.due(int((time.monotonic() - begin_s) / period_s)))
 
+        def planned_at(time_ns: int) -> Pose | None:
+            if time_ns < begin_ns:
+                return None
+            periods = round((time_ns - begin_ns) / (period_s * NS_PER_S))
+            return pose_at(trajectory, stream.due(periods))
+
         while not stream.finished:
             if broken is None:
-                broken = self._why_to_stop()
+                broken = self._why_to_stop(planned_at)
                 if broken is not None:
                     if broken.code == EMERGENCY_STOP:
                         raise broken
@@ -113,11 +150,12 @@ class Streamer:
                 self._control.wait(min(due_s, now_s + LOOK_S))
                 continue
             chunk = stream.next_chunk()
-            for stage in self._stages:
-                stage.send(chunk, number, begin_ns, period_s)
+            for stage, stops in zip(self._stages, guarded, strict=True):
+                stage.send(chunk, number, begin_ns, period_s, bool(stops))
             self.setpoints_sent += len(chunk.tip_um)
         end_s = begin_s + stream.sent * period_s
-        self._settle(number, stream.sent, end_s, broken, tell_due)
+        why_to_stop = partial(self._why_to_stop, planned_at)
+        self._settle(number, stream.sent, end_s, broken, tell_due, why_to_stop)
         tell(stream.position)
 
     def _settle(
@@ -127,11 +165,12 @@ class Streamer:
         end_s: float,
         broken: RunFailed | None,
         tell_due: Callable[[], None],
+        why_to_stop: Callable[[], RunFailed | None],
     ) -> None:
         """Wait until every stage has the stream and holds on target, and raise what broke it."""
         while not finished(self.reports(), number, setpoints):
             tell_due()
-            failed = self._why_to_stop()
+            failed = why_to_stop()
             if failed is not None and failed.code == EMERGENCY_STOP:
                 raise failed
             now_s = time.monotonic()
@@ -145,11 +184,19 @@ class Streamer:
         if broken is not None:
             raise broken
 
-    def _why_to_stop(self) -> RunFailed | None:
+    def _why_to_stop(self, planned_at: PlannedAt) -> RunFailed | None:
         """Return what speaks against going on, if anything does."""
         try:
             self._control.check_orders()
             check_alive(self.reports(), time.monotonic())
+            self._check_object(planned_at)
         except RunFailed as error:
             return error
         return None
+
+
+def pose_at(trajectory: Trajectory, setpoint: int) -> Pose:
+    """Return where the plan has the object at a setpoint."""
+    return Pose(
+        trajectory.object_position_um[setpoint], trajectory.object_quaternion_wxyz[setpoint]
+    )

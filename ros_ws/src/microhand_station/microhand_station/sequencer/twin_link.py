@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The twin as the sequencer sees it: what it reports, and what it can be asked."""
+
+from __future__ import annotations
+
+import time
+
+from microhand_msgs_py.msg import ObjectState, Plan
+from microhand_msgs_py.srv import Command, LoadObject
+from rclpy.node import Node
+
+from microhand_planner.core.errors import RunFailed
+from microhand_planner.ros.conversions import pose_from_msg
+from microhand_station.sequencer.object_watch import TWIN_MISSING, ObjectReport
+from microhand_station.sequencer.stage_link import NS_PER_S
+from microhand_station.service_call import call, greet
+from stage_driver_sim.qos import STATE
+
+LOAD_S = 60.0
+"""Longest wait for a world to be built [s]: a concave object is taken apart first."""
+
+
+class TwinLink:
+    """The sequencer's end of the connection to the twin.
+
+    Parameters
+    ----------
+    node : Node
+        Of the sequencer.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.report: ObjectReport | None = None
+        """The last state of the object that arrived."""
+        node.create_subscription(ObjectState, 'object_state', self._receive, STATE)
+        self._release = node.create_client(Command, 'twin/release')
+        self._load = node.create_client(LoadObject, 'twin/load')
+
+    def load(self, plan: Plan, object_name: str, unit_m: float, deadline_s: float) -> None:
+        """Have the object of a plan put where the plan begins; nothing moves.
+
+        Parameters
+        ----------
+        plan : Plan
+            As it will be executed.
+        object_name : str
+            Catalogue name or mesh file; empty: the plan's.
+        unit_m : float
+            Of the mesh file [m]; 0: the default.
+        deadline_s : float
+            Longest wait for the twin to be there [s].
+
+        Raises
+        ------
+        RunFailed
+            TWIN_MISSING, or what the twin says.
+        """
+        greet(self._node, 'twin', deadline_s=deadline_s, who='the twin', missing_code=TWIN_MISSING)
+        request = LoadObject.Request(plan=plan, object=object_name, unit=unit_m)
+        answer = call(
+            self._load, request, deadline_s=LOAD_S, who='the twin', missing_code=TWIN_MISSING
+        )
+        self.report = None
+        if answer.error_code:
+            raise RunFailed(f'twin: {answer.error_msg}', answer.error_code)
+
+    def release(self, deadline_s: float) -> None:
+        """Have the object let go: the fingers have closed their grasp.
+
+        Raises
+        ------
+        RunFailed
+            TWIN_MISSING, or what the twin says.
+        """
+        answer = call(
+            self._release,
+            Command.Request(),
+            deadline_s=deadline_s,
+            who='the twin',
+            missing_code=TWIN_MISSING,
+        )
+        if answer.error_code:
+            raise RunFailed(f'twin: {answer.error_msg}', answer.error_code)
+
+    def _receive(self, state: ObjectState) -> None:
+        """Keep a report."""
+        stamp = state.header.stamp
+        self.report = ObjectReport(
+            arrived_s=time.monotonic(),
+            stamp_ns=stamp.sec * NS_PER_S + stamp.nanosec,
+            pose=pose_from_msg(state.pose),
+            held=state.held,
+            released=state.released,
+            lost_because=state.lost_because,
+        )

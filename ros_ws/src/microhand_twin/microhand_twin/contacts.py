@@ -33,6 +33,9 @@ class Contacts:
         ``|f_t| / (µ (f_n + f_po))``: 1 slips; 0 without contact.
     force_uN : (3, 3) float
         Force of each finger on the object, station frame [µN].
+    direction : (3, 3) float
+        From the tip's centre to where it touches, station frame; the mean if it touches in two
+        places, 0 if in none.
     """
 
     touching: NDArray[np.bool_]
@@ -40,6 +43,7 @@ class Contacts:
     tangential_uN: FloatArray
     friction_use: FloatArray
     force_uN: FloatArray
+    direction: FloatArray
 
 
 def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, law: ContactLaw) -> Contacts:
@@ -85,4 +89,5 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, law: ContactLaw) -
         tangential_uN=tangential_uN,
         friction_use=use,
         force_uN=force_uN - law.stick_uN * direction,
+        direction=direction,
     )

@@ -138,12 +138,16 @@ class GripRules:
         Distance to slipping, detaching and overload that a removal keeps, as a force [µN].
     nominal_grip_uN : float
         Grip while rolling, wherever the contacts allow as much [µN].
+    grip_tolerance_uN : float
+        The grip may be off by as much, and the margins are kept all the same [µN]: stiffness
+        times the error of positions.
     """
 
     margin_factor: float = 0.8
     roll_factor: float = 0.6
     least_margin_uN: float = 0.05
     nominal_grip_uN: float = 5.0
+    grip_tolerance_uN: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -151,6 +155,7 @@ class GripRules:
         check_number('roll-margin', self.roll_factor, low=0.0, high=1.0, low_open=True)
         check_number('least-margin', self.least_margin_uN, low=0.0, high=1e3, low_open=True)
         check_number('grip', self.nominal_grip_uN, low=0.0, high=1e4, low_open=True)
+        check_number('grip-tolerance', self.grip_tolerance_uN, low=0.0, high=1e4, low_open=True)
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,10 @@ def preload(
         law.max_force_uN,
         rules.least_margin_uN,
     )
-    grip_uN = float(np.clip(0.0, low_uN, high_uN)) if low_uN <= high_uN else 0.0
+    room_uN = min(rules.grip_tolerance_uN, 0.5 * max(0.0, high_uN - low_uN))
+    grip_uN = (
+        float(np.clip(0.0, low_uN + room_uN, high_uN - room_uN)) if low_uN <= high_uN else 0.0
+    )
     lines = contact_lines(stay_um, stay_normal, leave_um, leave_normal, law.stick_uN)
     margin_uN = min(
         contact_margin_uN(

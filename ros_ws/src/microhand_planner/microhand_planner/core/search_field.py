@@ -33,6 +33,7 @@ class SearchField(NamedTuple):
     max_force_uN: float
     planned_grip: bool
     margin_uN: float
+    tolerance_uN: float
 
 
 def search_field(
@@ -54,6 +55,7 @@ def search_field(
         law.max_force_uN,
         rules is not None,
         0.0 if rules is None else rules.least_margin_uN,
+        0.0 if rules is None else rules.grip_tolerance_uN,
     )
 
 
@@ -109,7 +111,7 @@ def lets_go(
             field.max_force_uN,
             field.margin_uN,
         )
-        return low <= high
+        return high - low >= 2.0 * field.tolerance_uN
     low, high = grip_window_uN(
         both_um,
         both_normal,

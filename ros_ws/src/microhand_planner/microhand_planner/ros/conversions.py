@@ -149,6 +149,7 @@ def rules_from_msg(message: PlanOptions) -> GripRules:
         roll_factor=message.roll_factor or rules.roll_factor,
         least_margin_uN=_scaled(message.least_margin, UN_PER_N) or rules.least_margin_uN,
         nominal_grip_uN=_scaled(message.nominal_grip, UN_PER_N) or rules.nominal_grip_uN,
+        grip_tolerance_uN=_scaled(message.grip_tolerance, UN_PER_N) or rules.grip_tolerance_uN,
     )
 
 
@@ -175,6 +176,7 @@ def options_to_msg(
         roll_factor=rules.roll_factor,
         least_margin=rules.least_margin_uN / UN_PER_N,
         nominal_grip=rules.nominal_grip_uN / UN_PER_N,
+        grip_tolerance=rules.grip_tolerance_uN / UN_PER_N,
     )
 
 

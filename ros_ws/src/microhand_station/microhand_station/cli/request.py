@@ -147,6 +147,14 @@ _OPTIONS = (
         show_default=True,
         help='Grip while rolling, where the contacts allow as much, µN.',
     ),
+    click.option(
+        '--grip-tolerance-uN',
+        'grip_tolerance_un',
+        type=float,
+        default=GripRules.grip_tolerance_uN,
+        show_default=True,
+        help='A grip may be off by as much, and keeps its margin, µN.',
+    ),
     click.option('--time-limit', type=float, metavar='S', help='Give up searching after S s.'),
 )
 
@@ -177,6 +185,7 @@ def request_from(
     roll_margin: float,
     least_margin_un: float,
     grip_un: float,
+    grip_tolerance_un: float,
     time_limit: float | None,
 ) -> Request:
     """Return the request that the options describe.
@@ -205,7 +214,7 @@ def request_from(
         ),
         law=ContactLaw(friction, pull_off_un, max_force_un, adhesion=not no_adhesion),
         options=SearchOptions(math.radians(step_deg), Mode(mode), time_limit),
-        rules=GripRules(margin, roll_margin, least_margin_un, grip_un),
+        rules=GripRules(margin, roll_margin, least_margin_un, grip_un, grip_tolerance_un),
     )
 
 

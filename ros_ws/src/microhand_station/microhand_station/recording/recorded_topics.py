@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from microhand_msgs_py.msg import (
+    ObjectDeviation,
     ObjectState,
     Plan,
     RunEvent,
@@ -74,6 +75,7 @@ def recorded_topics(fingers: Sequence[int]) -> tuple[RecordedTopic, ...]:
         RecordedTopic('sequencer/state', SequencerState, LATCHED),
         RecordedTopic('events', RunEvent, EVENTS),
         RecordedTopic('object_state', ObjectState, STATE),
+        RecordedTopic('sequencer/object_deviation', ObjectDeviation, STATE),
         RecordedTopic('/rosout', Log, _ROSOUT),
         RecordedTopic('/diagnostics', DiagnosticArray, DIAGNOSTICS),
     ]

@@ -22,9 +22,10 @@ from microhand_station.sequencer.contact_reference import ContactReference
 from microhand_station.sequencer.object_watch import (
     OBJECT_LOST,
     TWIN_MISSING,
+    Deviation,
     ObjectReport,
     check_held,
-    check_on_plan,
+    deviation,
 )
 from microhand_station.sequencer.preflight import ANSWER_S, Cleared, Preflight
 from microhand_station.sequencer.progress import Progress, ProgressTeller
@@ -136,6 +137,8 @@ class Execution:
         Told several times a second.
     on_event : callable
         Told what is worth remembering, with an error code or 0.
+    on_deviation : callable
+        Told how far the object is from where the plan has it, once per report of the twin.
     """
 
     def __init__(
@@ -149,6 +152,7 @@ class Execution:
         now_ns: Callable[[], int],
         on_progress: Callable[[Progress], None],
         on_event: Callable[[str, int], None],
+        on_deviation: Callable[[Deviation], None],
     ) -> None:
         self._stages = stages
         self._recorder = recorder
@@ -158,10 +162,12 @@ class Execution:
         self._now_ns = now_ns
         self._on_progress = on_progress
         self._on_event = on_event
+        self._on_deviation = on_deviation
         self._streamer = Streamer(stages, control, now_ns, self._check_object)
         self._record_file = ''
         self._duration_s = 0.0
         self._goal: Pose | None = None
+        self._judged_ns = 0
         self.grasp = grasp
         """How the fingers hold the object now."""
 
@@ -276,7 +282,11 @@ class Execution:
         check_held(report, time.monotonic())
         planned = None if report is None else planned_at(report.stamp_ns)
         if report is not None and planned is not None:
-            check_on_plan(report, planned, self._config.twin)
+            off = deviation(report, planned)
+            if off.stamp_ns > self._judged_ns:
+                self._judged_ns = off.stamp_ns
+                self._on_deviation(off)
+            off.check(self._config.twin)
 
     def _await_verdict(self, plan: Plan) -> None:
         """Return when the twin has seen the stages stand, and the object is held at the end."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import rclpy
 from microhand_msgs_py.action import ExecutePlan, Reorient
-from microhand_msgs_py.msg import ErrorCode, RunEvent, SequencerState
+from microhand_msgs_py.msg import ErrorCode, ObjectDeviation, RunEvent, SequencerState
 from microhand_msgs_py.srv import Command, PlanRotation
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse
@@ -24,13 +24,16 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
 
 from microhand_planner.core.errors import BadRequest, MicrohandError, RunFailed
 from microhand_planner.core.plan import FINGERS
+from microhand_planner.ros.conversions import UM_PER_M
 from microhand_planner.ros.workers import Workers
 from microhand_station.config import StationConfig, read_config
 from microhand_station.sequencer.emergency import release_stages, stop_stages
 from microhand_station.sequencer.execution import Execution, Grasp, Order, Outcome
+from microhand_station.sequencer.object_watch import Deviation
 from microhand_station.sequencer.planner_link import PlannerLink
 from microhand_station.sequencer.progress import Progress
 from microhand_station.sequencer.recorder_link import RecorderLink
@@ -38,7 +41,7 @@ from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.stage_link import StageLink
 from microhand_station.sequencer.states import Event, State
 from microhand_station.sequencer.twin_link import TwinLink
-from stage_driver_sim.qos import EVENTS, LATCHED
+from stage_driver_sim.qos import EVENTS, LATCHED, STATE
 
 SPIN_S = 0.1
 """Longest time an idle sequencer takes to notice that it shall end [s]."""
@@ -52,8 +55,9 @@ class SequencerNode(Node):
     """Executes plans, one at a time; the states are drawn in `sequencer.states.State`.
 
     Actions ``~/execute_plan`` and ``~/reorient``; services ``~/pause``, ``~/resume``,
-    ``~/emergency_stop``, ``~/reset``; topics ``~/state`` and ``events``. The parameter `config`
-    is the path of the station file; the defaults are those of `StationConfig`.
+    ``~/emergency_stop``, ``~/reset``; topics ``~/state``, ``~/object_deviation`` and ``events``.
+    The parameter `config` is the path of the station file; the defaults are those of
+    `StationConfig`.
     """
 
     def __init__(self, **node_options: Any) -> None:
@@ -68,6 +72,7 @@ class SequencerNode(Node):
         self._plan_hash = ''
         self._state = self.create_publisher(SequencerState, '~/state', LATCHED)
         self._events = self.create_publisher(RunEvent, 'events', EVENTS)
+        self._deviation = self.create_publisher(ObjectDeviation, '~/object_deviation', STATE)
         self._control = RunControl(self._publish_state)
         self._stages = [
             StageLink(self, finger, config)
@@ -215,6 +220,7 @@ class SequencerNode(Node):
             now_ns=lambda: self.get_clock().now().nanoseconds,
             on_progress=tell,
             on_event=self._report,
+            on_deviation=self._publish_deviation,
         )
         outcome = execution.run(order)
         self._grasp = execution.grasp
@@ -269,6 +275,13 @@ class SequencerNode(Node):
         )
         message.header.stamp = self.get_clock().now().to_msg()
         self._state.publish(message)
+
+    def _publish_deviation(self, off: Deviation) -> None:
+        """Publish how far the object is from where the plan has it."""
+        message = ObjectDeviation(angle=off.angle_rad, distance=off.distance_um / UM_PER_M)
+        message.header.stamp = Time(nanoseconds=off.stamp_ns).to_msg()
+        message.header.frame_id = self._config.frame
+        self._deviation.publish(message)
 
     def _report(self, text: str, code: int) -> None:
         """Publish what is worth remembering."""

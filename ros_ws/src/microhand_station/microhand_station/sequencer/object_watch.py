@@ -72,32 +72,49 @@ def check_held(report: ObjectReport | None, now_s: float) -> None:
         raise RunFailed(f'the object is lost: {report.lost_because}', OBJECT_LOST)
 
 
-def check_on_plan(report: ObjectReport, planned: Pose, tolerance: TwinConfig) -> None:
-    """Check that the object is where the plan has it.
+@dataclass(frozen=True)
+class Deviation:
+    """How far the object is from where the plan has it.
 
     Parameters
     ----------
-    report : ObjectReport
-        The last one.
-    planned : Pose
-        Of the object at the time of the report.
-    tolerance : TwinConfig
-        How far it may be off.
-
-    Raises
-    ------
-    RunFailed
-        OBJECT_LOST; says by how much.
+    stamp_ns : int
+        ROS time to which it refers [ns].
+    angle_rad, distance_um : float
+        Turned and displaced by so much [rad], [µm].
     """
-    off_deg = math.degrees(angle_between_rad(report.pose.rotation, planned.rotation))
-    off_um = float(np.linalg.norm(np.subtract(report.pose.position_um, planned.position_um)))
-    for off, allowed, how in (
-        (off_deg, tolerance.object_tolerance_deg, f'turned by {off_deg:.1f}° off'),
-        (off_um, tolerance.object_tolerance_um, f'{off_um:.2f} µm off'),
-    ):
-        if off > allowed:
-            unit = '°' if how.startswith('turned') else ' µm'
+
+    stamp_ns: int
+    angle_rad: float
+    distance_um: float
+
+    def check(self, tolerance: TwinConfig) -> None:
+        """Check that it is small enough.
+
+        Raises
+        ------
+        RunFailed
+            OBJECT_LOST; says by how much.
+        """
+        turned_deg = math.degrees(self.angle_rad)
+        if turned_deg > tolerance.object_tolerance_deg:
             raise RunFailed(
-                f'the object is lost: {how} where the plan has it; allowed: {allowed:g}{unit}',
+                f'the object is lost: turned {turned_deg:.1f}° away from where the plan has it; '
+                f'allowed: {tolerance.object_tolerance_deg:g}°',
                 OBJECT_LOST,
             )
+        if self.distance_um > tolerance.object_tolerance_um:
+            raise RunFailed(
+                f'the object is lost: {self.distance_um:.2f} µm away from where the plan has it; '
+                f'allowed: {tolerance.object_tolerance_um:g} µm',
+                OBJECT_LOST,
+            )
+
+
+def deviation(report: ObjectReport, planned: Pose) -> Deviation:
+    """Return how far the object is from where the plan has it at the time of the report."""
+    return Deviation(
+        report.stamp_ns,
+        angle_between_rad(report.pose.rotation, planned.rotation),
+        float(np.linalg.norm(np.subtract(report.pose.position_um, planned.position_um))),
+    )

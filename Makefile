@@ -12,7 +12,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 LOG := build/setup.log
 SRC := ros_ws/src
-PACKAGES := microhand_planner stage_driver_sim microhand_station
+PACKAGES := microhand_planner stage_driver_sim microhand_twin microhand_station
 
 # A sourced ROS installation, or an active environment with ROS wheels, would put its own packages and
 # libraries before ours. `make` works on the wheels of .venv alone.
@@ -62,7 +62,7 @@ help:  ## list the commands
 	@echo
 	@echo 'Everything sets up .venv first if needed. PYTHON=python3.12 make setup chooses the Python (3.10 to 3.13).'
 
-setup: | $(WARM_READY)  ## make .venv: pinned packages, interfaces, the three Python packages
+setup: | $(WARM_READY)  ## make .venv: pinned packages, interfaces, the four Python packages
 	@echo 'Ready: $(BIN)/microhand --help'
 
 run: setup  ## reorient the ellipsoid of examples/ on a simulated station, record it, say how it went
@@ -83,7 +83,7 @@ format: setup  ## put all Python files into the project's format
 	$(BIN)/ruff check --fix-only .
 	$(BIN)/ruff format .
 
-# The same four packages by colcon, in an environment of its own, so that nothing can come from .venv.
+# The same five packages by colcon, in an environment of its own, so that nothing can come from .venv.
 # MAKEFLAGS keeps colcon from adding a load limit, which stalls the build on a busy machine.
 COLCON := build/$(TAG)/colcon
 COLCON_PYTHON := $(CURDIR)/$(TOOLS)/bin/python

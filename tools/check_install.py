@@ -77,4 +77,4 @@ if __name__ == '__main__':
         check_files(package_name, SOURCES / package_name / package_name)
     check_messages(folder)
     check_executables(folder)
-    print(f'{folder}: four packages, messages and executables are in place')
+    print(f'{folder}: five packages, messages and executables are in place')

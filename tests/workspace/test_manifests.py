@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The four packages say the same about themselves to pip, to colcon and to ROS."""
+"""The five packages say the same about themselves to pip, to colcon and to ROS."""
 
 import ast
 import re
@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 SOURCES = Path(__file__).parents[2] / 'ros_ws' / 'src'
-PACKAGES = ['microhand_planner', 'microhand_station', 'stage_driver_sim']
+PACKAGES = ['microhand_planner', 'microhand_station', 'microhand_twin', 'stage_driver_sim']
 ROSDEP_KEYS = {'python3-trimesh-pip': 'trimesh'}
 """Where the rosdep key is not python3-<module>."""
 FOR_TRIMESH = {'lxml', 'networkx'}
 """What trimesh imports to read 3MF and GLB files."""
-NOT_IN_ROSDEP = {'mcap', 'mcap_ros2'}
+NOT_IN_ROSDEP = {'imageio_ffmpeg', 'mcap', 'mcap_ros2', 'mujoco', 'ruckig'}
 """docker/Dockerfile installs these by pip, from requirements/noble.txt."""
 
 

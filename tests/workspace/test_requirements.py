@@ -72,7 +72,13 @@ def test_interfaces_build_with_the_same_tools_everywhere() -> None:
 )
 def test_installed_versions_are_the_pinned_ones() -> None:
     """Nothing in the environment came in unpinned: dependencies of dependencies are pinned too."""
-    ours = {'microhand-msgs-py', 'microhand-planner', 'microhand-station', 'stage-driver-sim'}
+    ours = {
+        'microhand-msgs-py',
+        'microhand-planner',
+        'microhand-station',
+        'microhand-twin',
+        'stage-driver-sim',
+    }
     installed = {normal(found.metadata['Name']): found.version for found in distributions()}
     # Each ROS wheel brings a second entry of the package as its own setup.py calls it.
     from_wheels = {name.removeprefix('ros-') for name in installed if name.startswith('ros-')}

@@ -19,7 +19,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
     ],
-    install_requires=['microhand_planner', 'mujoco', 'numpy', 'scipy'],
+    install_requires=['imageio-ffmpeg', 'microhand_planner', 'mujoco', 'numba', 'numpy', 'scipy'],
     entry_points={'console_scripts': ['twin = microhand_twin.ros.twin_node:main']},
     zip_safe=True,
 )

@@ -162,6 +162,13 @@ class Simulation:
         """Return what the fingers feel now, in the last step of the integration."""
         return read_contacts(self._model, self._data, self.world.law)
 
+    def draw_into(
+        self, scene: mujoco.MjvScene, options: mujoco.MjvOption, camera: mujoco.MjvCamera
+    ) -> None:
+        """Update a scene for drawing."""
+        parts = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(self._model, self._data, options, None, camera, parts, scene)
+
 
 def _with_heavy_object(model: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of a model in which nothing moves the object."""

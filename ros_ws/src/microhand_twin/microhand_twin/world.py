@@ -15,6 +15,7 @@ from microhand_planner.core.parameters import ContactLaw, check_number
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.pose import FloatArray, readonly
+from microhand_twin.appearance import LIGHTS_XML, VISUAL_XML
 from microhand_twin.numerics import ADHESION_REACH_UM, LENGTH_UNIT_UM, Numerics
 from microhand_twin.object_shape import Ellipsoid, ellipsoid_of
 from microhand_twin.smooth_surface import smooth_surface
@@ -115,8 +116,8 @@ def build_world(
     ellipsoid = ellipsoid_of(part)
     geom_xml = _ellipsoid_xml(ellipsoid) if ellipsoid else _carrier_xml(part)
     spec = mujoco.MjSpec.from_string(
-        f'<mujoco model={quoteattr(part.name)}>{settings}'
-        f'<worldbody>{_object_xml(geom_xml, part, numerics)}{fingers_xml}</worldbody>'
+        f'<mujoco model={quoteattr(part.name)}>{settings}{VISUAL_XML}'
+        f'<worldbody>{LIGHTS_XML}{_object_xml(geom_xml, part, numerics)}{fingers_xml}</worldbody>'
         f'<actuator>{servos_xml}{adhesion_xml}</actuator></mujoco>'
     )
     if ellipsoid is None:
@@ -150,7 +151,7 @@ def _ellipsoid_xml(ellipsoid: Ellipsoid) -> str:
     return (
         f'<geom name="object" type="ellipsoid" pos="{_units(ellipsoid.centre_um)}" '
         f'quat="{w} {x} {y} {z}" size="{_units(ellipsoid.semi_axes_um)}" '
-        'contype="2" conaffinity="1"/>'
+        'material="object" contype="2" conaffinity="1"/>'
     )
 
 
@@ -163,7 +164,8 @@ def _carrier_xml(part: Part) -> str:
     return (
         f'<geom name="object" type="box" size="{_units(size_um)}" group="3" '
         'contype="2" conaffinity="1"/>'
-        '<geom name="object_mesh" type="mesh" mesh="object" contype="0" conaffinity="0"/>'
+        '<geom name="object_mesh" type="mesh" mesh="object" material="object" '
+        'contype="0" conaffinity="0"/>'
     )
 
 
@@ -177,7 +179,8 @@ def _finger_xml(finger: int, radius_um: float, numerics: Numerics) -> str:
     return (
         f'<body name="finger{finger}">{joints}'
         f'<geom name="tip{finger}" type="sphere" size="{radius_um / LENGTH_UNIT_UM}" '
-        f'mass="{numerics.tip_mass}" contype="1" conaffinity="2" gap="{reach}"/></body>'
+        f'mass="{numerics.tip_mass}" material="tip{finger + 1}" '
+        f'contype="1" conaffinity="2" gap="{reach}"/></body>'
     )
 
 

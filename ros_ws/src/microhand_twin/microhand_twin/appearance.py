@@ -9,9 +9,9 @@ FORCE_RGBA = (0.78, 0.10, 0.18, 1.0)
 
 VISUAL_XML = """
   <visual>
-    <global azimuth="140" elevation="-28" fovy="30" offwidth="1280" offheight="960"/>
+    <global azimuth="140" elevation="-28" fovy="30" offwidth="960" offheight="720"/>
     <headlight ambient="0.35 0.35 0.35" diffuse="0.35 0.35 0.35" specular="0.1 0.1 0.1"/>
-    <quality shadowsize="4096" offsamples="8" numslices="96" numstacks="64"/>
+    <quality shadowsize="2048" offsamples="4" numslices="64" numstacks="48"/>
     <map shadowclip="2" shadowscale="0.8"/>
   </visual>
   <asset>

@@ -24,7 +24,7 @@ from microhand_twin.simulation import Simulation
 
 Image = NDArray[np.uint8]
 
-WIDTH, HEIGHT = 1280, 960
+WIDTH, HEIGHT = 960, 720
 FRAMES_PER_S = 25
 
 _MOST_GEOMS = 100
@@ -54,14 +54,14 @@ class Camera:
         self._model = world.model
         self._context = _drawing_context()
         self._context.make_current()
-        self._drawer = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_150)
+        self._drawer = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._drawer)
         self._scene = mujoco.MjvScene(self._model, _MOST_GEOMS)
         self._options = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
         mujoco.mjv_defaultFreeCamera(self._model, self._view)
         self._view.lookat[:] = simulation.object_position_um / LENGTH_UNIT_UM
-        reach_um = np.linalg.norm(world.part.vertices_um, axis=1).max() + world.finger_radius_um
+        reach_um = np.linalg.norm(world.part.vertices_um, axis=1).max() + 3.0 * world.finger_radius_um
         self._view.distance = _AWAY * reach_um / LENGTH_UNIT_UM
 
     def __enter__(self) -> Camera:

@@ -21,6 +21,9 @@ from microhand_twin.true_station import TrueStation
 from microhand_twin.verdict import Loss, Verdict
 from microhand_twin.world import World, build_world
 
+OBJECT_LOST = 306
+"""As in ``ErrorCode.msg``."""
+
 LARGEST_ERROR_DEG = 5.0
 LARGEST_ERROR_UM = 2.0
 """An object that is farther from where the plan has it is lost: nobody leads it any more."""

@@ -5,15 +5,18 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
-from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
+from microhand_planner.core.part import load_part
 from microhand_planner.core.plan import Plan, RotationReport, Step, StepKind
 from microhand_planner.core.pose import Pose
 
 SPHERE_UM = 12.0
 TIP_UM = 4.5
 WAIT_UM = 36.0
+GRIP_UN = 3.0
 
 
 def on_circle(radius_um, angle_rad):
@@ -23,22 +26,44 @@ def on_circle(radius_um, angle_rad):
     return radius_um * unit
 
 
-def make_step(kind, tips, touching, finger=0, turn_rad=None, angle_rad=0.0):
-    """Make a step from tips (n, 3, 3); the object turns about z by `turn_rad` (n,)."""
+def make_step(kind, tips, touching, finger=0, turn_rad=None, angle_rad=0.0, grip_uN=GRIP_UN):
+    """Make a step from tips (n, 3, 3); the object turns about z by `turn_rad` (n,).
+
+    Fingers 1 and 2 press with `grip_uN`, a number or (n,), where they touch.
+    """
     n = len(tips)
     turn_rad = np.zeros(n) if turn_rad is None else np.broadcast_to(turn_rad, n)
     quaternion = Rotation.from_rotvec(turn_rad[:, None] * [0, 0, 1.0]).as_quat()[:, [3, 0, 1, 2]]
-    normal = np.where(
-        np.array(touching)[None, :, None],
-        tips / np.linalg.norm(tips, axis=-1, keepdims=True),
-        np.nan,
+    outward = tips / np.linalg.norm(tips, axis=-1, keepdims=True)
+    touching_rows = np.array(touching)[None, :, None]
+    pressing = touching_rows & np.array([True, True, False])[None, :, None]
+    grip_uN = np.broadcast_to(grip_uN, n)[:, None, None]
+    return Step(
+        kind=kind,
+        rotation=0,
+        finger=finger,
+        angle_rad=angle_rad,
+        in_contact=touching,
+        object_position_um=np.zeros((n, 3)),
+        object_quaternion_wxyz=quaternion,
+        tip_um=tips,
+        normal=np.where(touching_rows, outward, np.nan),
+        force_uN=np.where(pressing, -grip_uN * outward, 0.0),
     )
-    return Step(kind, 0, finger, angle_rad, touching, np.zeros((n, 3)), quaternion, tips, normal)
 
 
 @pytest.fixture(scope='session')
-def sphere_plan():
+def sphere_mesh(tmp_path_factory):
+    """Return the mesh file of the sphere."""
+    path = tmp_path_factory.mktemp('mesh') / 'sphere.stl'
+    trimesh.creation.icosphere(subdivisions=4, radius=SPHERE_UM).export(path)
+    return path
+
+
+@pytest.fixture(scope='session')
+def sphere_plan(sphere_mesh):
     """Return a maker of plans: roll a sphere with two fingers, then with three."""
+    sha256 = load_part(sphere_mesh).sha256
 
     def make(angle_deg=40.0, wait_um=WAIT_UM):
         touch_um = SPHERE_UM + TIP_UM
@@ -57,28 +82,32 @@ def sphere_plan():
         theta_1, roll_1 = roll(0.0, first, [0, 1])
         theta_2, roll_2 = roll(first, both, [0, 1, 2])
         out = np.stack([*on_circle(wait_um, side[:2]), roll_1[0, 2]])
-        approach = np.stack([out, [roll_1[0, 0], out[1], out[2]], roll_1[0]])
         place = np.stack([roll_1[-1]] * 3)
         place[1:, 2] = np.outer([wait_um / touch_um, 1.0], roll_2[0, 2])
         remove = np.stack([roll_2[-1], roll_2[-1]])
         remove[1, 2] *= wait_um / touch_um
         two, three = (True, True, False), (True, True, True)
+        grip = make_step(
+            StepKind.GRIP, np.stack([roll_1[0]] * 2), two, grip_uN=np.array([0.0, GRIP_UN])
+        )
         return Plan(
             object_name='sphere',
-            object_sha256='0' * 64,
+            object_sha256=sha256,
             start=Pose(),
             goal=Pose.of((0.0, 0.0, 0.0), Rotation.from_rotvec([0.0, 0.0, both])),
             finger=Finger(),
             law=ContactLaw(),
             options=SearchOptions(),
+            rules=GripRules(),
             steps=(
-                make_step(StepKind.APPROACH, approach, (False, False, False)),
+                make_step(StepKind.APPROACH, np.stack([out, roll_1[0]]), (False, False, False)),
+                grip,
                 make_step(StepKind.ROLL, roll_1, two, 0, theta_1, first),
                 make_step(StepKind.PLACE, place, two, 3, first),
                 make_step(StepKind.ROLL, roll_2, three, 0, theta_2, both - first),
                 make_step(StepKind.REMOVE, remove, two, 3, both),
             ),
-            rotations=(RotationReport('z', angle_deg, 2.2 * angle_deg + 360.0, 2, 10, 0.001),),
+            rotations=(RotationReport('z', angle_deg, 2.2 * angle_deg + 360.0, 2, 10, 0, 0.001),),
         )
 
     return make

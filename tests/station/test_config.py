@@ -28,11 +28,20 @@ def test_what_is_written_is_read_back(tmp_path):
         {
             'namespace': 'lab/left',
             'motion': {'speed': 2},
+            'contact': {'speed_um_s': 2, 'tolerance_um': 0.3},
+            'twin': {'enabled': True, 'friction': 0.25, 'pull_off_uN': None},
             'recording': {'required': False},
-            'fingers': [{'driver': {'noise_rms': 0.0}}, {'upper_um': [120, 180, 180.5]}, {}],
+            'fingers': [
+                {'driver': {'noise_rms': 0.0}},
+                {'upper_um': [120, 180, 180.5]},
+                {'stiffness_n_per_m': 100},
+            ],
         }
     )
     assert config.fingers[1].upper_um == (120.0, 180.0, 180.5)
+    assert config.stiffness_uN_per_um == (20.0, 20.0, 100.0)
+    assert (config.twin.friction, config.twin.pull_off_uN) == (0.25, None)
+    assert config.contact.touch.speed_um_s == 2.0
     write_config(config, tmp_path / 'station.yaml')
     assert read_config(tmp_path / 'station.yaml') == config
 
@@ -49,7 +58,7 @@ def test_speed_scales_every_rate():
     ('content', 'message'),
     [
         ([], r'station is \[\]; allowed: a section with namespace, frame, motion'),
-        ({'finger': []}, 'station: finger is unknown; allowed: namespace, frame, motion, reco'),
+        ({'finger': []}, 'station: finger is unknown; allowed: namespace, frame, motion, cont'),
         ({'fingers': [{}, {}]}, r'fingers is \[\{\}, \{\}\]; allowed: a list of 3'),
         ({'motion': {'speed': 'fast'}}, "motion: speed is 'fast'; allowed: a number"),
         ({'motion': {'speed': True}}, 'motion: speed is True; allowed: a number'),
@@ -75,6 +84,20 @@ def test_speed_scales_every_rate():
             'finger 1: max_velocity_um_s is -1.0; allowed: a number > 0',
         ),
         ({'fingers': [{'driver': 3}, {}, {}]}, 'finger 1: driver is 3; allowed: names and val'),
+        (
+            {'fingers': [{}, {}, {'stiffness_n_per_m': 0}]},
+            'finger 3: stiffness_n_per_m is 0.0; allowed: a number >= 0.1 and <= 10000',
+        ),
+        ({'contact': {'speed': 1}}, 'contact: speed is unknown; allowed: speed_um_s, standoff_um'),
+        ({'contact': {'speed_um_s': 'slow'}}, "contact: speed_um_s is 'slow'; allowed: a number"),
+        ({'contact': {'speed_um_s': 0}}, 'contact: speed_um_s is 0.0; allowed: a number >= 0.01'),
+        (
+            {'contact': {'tolerance_um': 0.5}},
+            'contact: tolerance_um is 0.5; allowed: less than standoff_um, 0.5',
+        ),
+        ({'twin': {'enabled': 1}}, 'twin: enabled is 1; allowed: true or false'),
+        ({'twin': {'friction': -0.1}}, 'twin: friction is -0.1; allowed: a number >= 0 and <= 2'),
+        ({'twin': {'pull_off_uN': 'weak'}}, "twin: pull_off_uN is 'weak'; allowed: a number"),
     ],
 )
 def test_each_mistake_is_named_with_its_value_and_what_is_allowed(tmp_path, content, message):

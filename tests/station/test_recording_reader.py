@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
-from microhand_msgs_py.msg import Plan, PlanStep, RunEvent, SetpointChunk, StageState
+from microhand_msgs_py.msg import (
+    ObjectDeviation,
+    Plan,
+    PlanStep,
+    RunEvent,
+    SetpointChunk,
+    StageState,
+)
 from rclpy.serialization import serialize_message
 
 from microhand_planner.core.errors import BadRequest
@@ -26,6 +33,7 @@ TOPICS = {
     '/lab/finger_1/setpoints': SetpointChunk,
     '/lab/finger_1/state': StageState,
     '/lab/finger_2/state': StageState,
+    '/lab/sequencer/object_deviation': ObjectDeviation,
 }
 HOSTILE = '<script>alert("1")</script> & "so on"'
 
@@ -57,6 +65,10 @@ def messages():
         off_m = 1e-8 if state.mode == StageState.STREAMING else 1e-6
         state.position = Point(x=swing_m + 3 * off_m, y=2e-5 - 4 * off_m, z=1e-6 * seconds)
         yield '/lab/finger_1/state', seconds, state
+    for number in range(40):
+        off = ObjectDeviation(angle=1e-3 * number, distance=2e-9 * number)
+        off.header.stamp = stamp(0.5 + 0.02 * number)
+        yield '/lab/sequencer/object_deviation', 0.51 + 0.02 * number, off
     event = RunEvent(source=HOSTILE, error_code=303, text=HOSTILE)
     event.header.stamp = stamp(1.25)
     yield '/lab/events', 2.0, event
@@ -89,6 +101,7 @@ def test_everything_of_a_run_comes_back(tmp_path, end):
         '/lab/finger_1/setpoints': 20,
         '/lab/finger_1/state': 201,
         '/lab/finger_2/state': 0,
+        '/lab/sequencer/object_deviation': 40,
     }
     assert run.start_ns == START_NS
     assert run.duration_s == pytest.approx(2.0, abs=1e-12)
@@ -98,6 +111,9 @@ def test_everything_of_a_run_comes_back(tmp_path, end):
     np.testing.assert_allclose(finger.state_time_s, 0.01 * np.arange(201), atol=1e-9)
     assert (finger.missing, finger.out_of_order) == (0, 0)
     assert finger.streaming.sum() == 100
+    np.testing.assert_allclose(run.object.time_s, 0.5 + 0.02 * np.arange(40), atol=1e-9)
+    np.testing.assert_allclose(np.radians(run.object.angle_deg), 1e-3 * np.arange(40))
+    np.testing.assert_allclose(run.object.distance_um, 2e-3 * np.arange(40), atol=1e-12)
     assert run.plan['object_name'] == 'ellipsoid'
     assert run.plan['steps'][0]['tip_positions'] == [1e-6] * 9
     (event,) = run.events
@@ -130,7 +146,7 @@ def test_damaged_records_are_read_as_far_as_possible(tmp_path):
             damaged[draw.randrange(8, len(data))] = draw.randrange(256)
         (tmp_path / 'bad.mcap').write_bytes(damaged)
         run = Run.open(tmp_path / 'bad.mcap')
-        assert sum(run.counts.values()) <= 223
+        assert sum(run.counts.values()) <= 263
         write_report(run, tmp_path / 'bad.html', {})
 
 
@@ -203,7 +219,8 @@ def test_report_says_what_is_in_the_record(tmp_path):
     assert page.texts.count('not judged') == 2
     for text in (HOSTILE, 'Run a <b> run', '500', '0.0500', '2280°', '303', '1.250', '12'):
         assert text in page.texts
-    assert len(page.lines) == 6
+    assert len(page.lines) == 2 + 6
+    assert 'away from the plan [°]' in page.texts
     assert str(tmp_path / 'run.mcap') in page.texts
 
 
@@ -219,7 +236,7 @@ def test_report_is_self_contained(tmp_path):
 def test_plot_shows_the_swing(tmp_path):
     """The x line of the measured position crosses its mean where the sine does."""
     write_report(Run.open(write(tmp_path / 'run.mcap')), tmp_path / 'report.html', {})
-    points = Page(tmp_path / 'report.html').lines[0].split()
+    points = Page(tmp_path / 'report.html').lines[2].split()
     assert len(points) == 201
     x_px, y_px = np.array([point.split(',') for point in points], dtype=float).T
     wave = np.sin(2 * np.pi * np.linspace(0, 2, 201))

@@ -29,6 +29,8 @@ GOOD = StageReport(
     underruns=0,
     error_code=0,
     error_msg='',
+    guard_tripped=False,
+    contact_um=np.full(3, np.nan),
 )
 STREAMING = dataclasses.replace(GOOD, mode=Mode.STREAMING)
 
@@ -64,6 +66,8 @@ def test_a_fault_carries_the_drivers_words():
     assert (code, text) == (ErrorCode.STAGE_FAULT, 'finger 2: z: stuck at 12 µm')
     code, _ = fault(mode=Mode.FAULT, error_code=303, error_msg='ran dry')
     assert code == ErrorCode.STREAM_BROKEN
+    code, _ = fault(mode=Mode.FAULT, error_code=310, error_msg='nobody reports contacts')
+    assert code == ErrorCode.NO_CONTACT
     code, text = fault(mode=Mode.STOPPED)
     assert (code, text) == (ErrorCode.STAGE_FAULT, 'finger 2: its stage is stopped')
 
@@ -84,9 +88,18 @@ def test_finished_means_all_setpoints_and_on_target():
     assert not finished([GOOD, GOOD, None], 3, 100)
 
 
+def test_a_stage_that_was_stopped_by_contact_is_finished_with_less():
+    """A tripped guard takes nothing more of its stream; of another stream it says nothing."""
+    stopped = dataclasses.replace(GOOD, received=60, guard_tripped=True)
+    assert finished([GOOD, stopped, GOOD], 3, 100)
+    assert what_is_missing([GOOD, stopped, GOOD], 3, 100) == 'nothing'
+    assert not finished([GOOD, dataclasses.replace(stopped, mode=Mode.STREAMING), GOOD], 3, 100)
+    assert not finished([GOOD, stopped, GOOD], 4, 60)
+
+
 def test_modes_and_codes_are_those_of_the_messages():
     """The pure part repeats constants of the interfaces; here they are kept in step."""
     for mode in Mode:
         assert getattr(StageState, mode.name) == mode.value
-    for name in ('STAGE_MISSING', 'STAGE_FAULT', 'STREAM_BROKEN'):
+    for name in ('STAGE_MISSING', 'STAGE_FAULT', 'STREAM_BROKEN', 'NO_CONTACT'):
         assert getattr(stage_watch, name) == getattr(ErrorCode, name)

@@ -41,23 +41,6 @@ ANSWER_S = 5.0
 SPIN_S = 0.05
 
 
-class StationError(MicrohandError):
-    """What a node of the station answered instead of a result.
-
-    Parameters
-    ----------
-    message : str
-        As the node said it.
-    code : int
-        See ErrorCode; its hundreds decide the exit status.
-    """
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
-        self.exit_status = {1: 2, 2: 3}.get(code // 100, 4)
-
-
 @dataclass(frozen=True)
 class PlanAnswer:
     """A plan, and what it took.
@@ -79,7 +62,7 @@ class PlanAnswer:
 
 @dataclass(frozen=True)
 class ExecutionResult:
-    """How an execution ended, if it went well.
+    """How an execution ended.
 
     Parameters
     ----------
@@ -90,7 +73,7 @@ class ExecutionResult:
     duration_s : float
         Of the motion [s].
     held : bool or None
-        Whether the object was held throughout; None: nothing watched it.
+        Whether the object was held throughout; None: nothing watched it to the end.
     final_error_rad : float or None
         Orientation error at the end [rad]; None: nothing watched the object.
     """
@@ -100,6 +83,26 @@ class ExecutionResult:
     duration_s: float
     held: bool | None
     final_error_rad: float | None
+
+
+class StationError(MicrohandError):
+    """What a node of the station answered instead of a result.
+
+    Parameters
+    ----------
+    message : str
+        As the node said it.
+    code : int
+        See ErrorCode; its hundreds decide the exit status.
+    execution : ExecutionResult, optional
+        How far an execution came that failed.
+    """
+
+    def __init__(self, message: str, code: int, execution: ExecutionResult | None = None) -> None:
+        super().__init__(message)
+        self.code = code
+        self.exit_status = {1: 2, 2: 3}.get(code // 100, 4)
+        self.execution = execution
 
 
 class StationClient:
@@ -236,8 +239,11 @@ class StationClient:
         plan: Plan,
         run_name: str = '',
         on_progress: Callable[[Progress], None] | None = None,
+        *,
+        object_name: str = '',
+        unit_um: float = 0.0,
     ) -> ExecutionResult:
-        """Execute a plan and wait until the stages are on target.
+        """Execute a plan and wait until the stages are on target and the object is held.
 
         Parameters
         ----------
@@ -247,6 +253,11 @@ class StationClient:
             Of the record; empty: made from the time.
         on_progress : callable, optional
             Told several times a second, in the client's own thread.
+        object_name : str
+            Where the twin finds the object: catalogue name, or path of a mesh file on the twin's
+            machine; empty: the plan's name for it.
+        unit_um : float
+            Length of one unit of the mesh [µm]; 0: the catalogue's, or 1 µm.
 
         Raises
         ------
@@ -259,7 +270,9 @@ class StationClient:
                 on_progress(_progress(message.feedback))
 
         self._meet('sequencer', ANSWER_S)
-        goal = ExecutePlan.Goal(plan=plan_to_msg(plan), run_name=run_name)
+        goal = ExecutePlan.Goal(
+            plan=plan_to_msg(plan), run_name=run_name, object=object_name, unit=unit_um / UM_PER_M
+        )
         is_there = self._execute.server_is_ready
         accepted = self._execute.send_goal_async(goal, feedback_callback=tell)
         self._goal = self._result(accepted, is_there, 'sequencer')
@@ -271,15 +284,16 @@ class StationClient:
             raise
         finally:
             self._goal = None
-        if answer.error_code:
-            raise StationError(answer.error_msg, answer.error_code)
-        return ExecutionResult(
+        result = ExecutionResult(
             record_file=Path(answer.record_file) if answer.record_file else None,
             setpoints_sent=int(answer.setpoints_sent[0]),
             duration_s=answer.duration,
             held=answer.held if answer.object_judged else None,
             final_error_rad=None if math.isnan(answer.final_error) else answer.final_error,
         )
+        if answer.error_code:
+            raise StationError(answer.error_msg, answer.error_code, result)
+        return result
 
     def cancel(self) -> None:
         """Let the run that this client started come to rest and hold; return when it is asked."""

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import click
@@ -30,26 +31,29 @@ def answer(
     keys: Iterable[str],
     work: Callable[[], dict[str, Any]],
     show: Callable[[Console, dict[str, Any]], None],
+    known: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
     """Do the work of a command and print its result.
 
     Parameters
     ----------
     as_json : bool
-        Print the result as JSON, also when the work fails; then `keys` are null.
+        Print the result as JSON, also when the work fails; then `keys` are null unless known.
     keys : iterable of str
         What a result has beside ``status`` and ``error``.
     work : callable
         Returns the result; raises MicrohandError.
     show : callable
         Prints the result for people.
+    known : mapping
+        Filled by `work` with what is worth telling even if it fails.
     """
     try:
         result = {'status': 'ok', 'error': None, **work()}
     except MicrohandError as error:
         if as_json:
-            failed = {'status': status_of(error), 'error': str(error), **dict.fromkeys(keys)}
-            click.echo(json.dumps(failed))
+            failed = {'status': status_of(error), 'error': str(error)}
+            click.echo(json.dumps({**failed, **dict.fromkeys(keys), **known}))
         raise
     if as_json:
         click.echo(json.dumps(result))

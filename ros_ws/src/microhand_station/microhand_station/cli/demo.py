@@ -22,7 +22,12 @@ from microhand_station.cli.answer import answer, json_option, news_console
 from microhand_station.cli.plan_result import PLAN_KEYS, plan_result, show_plan
 from microhand_station.cli.request import Request, request_from, request_options
 from microhand_station.cli.station_options import StationChoice, station_choice, station_options
-from microhand_station.client import ExecutionResult, PlanAnswer, StationClient
+from microhand_station.client import (
+    ExecutionResult,
+    PlanAnswer,
+    StationClient,
+    StationError,
+)
 from microhand_station.recording.report import write_report
 from microhand_station.recording.run_reader import Run
 
@@ -39,10 +44,11 @@ PAPER_ZYZ_DEG = (80.0, 220.0, 100.0)
 def demo(object_name: str, as_json: bool, **options: Any) -> None:
     r"""Run a whole simulated station for one reorientation of OBJECT.
 
-    Starts planner, sequencer, recorder and three stage drivers as processes of their own, asks the
-    planner for a plan and the sequencer to execute it, and writes a record and a report. OBJECT is
-    a mesh file or a name of the catalogue, `ellipsoid` if left out; the rotation of the paper,
-    80 220 100, is the default.
+    Starts planner, sequencer, recorder, three stage drivers and the twin that stands in for the
+    object as processes of their own, asks the planner for a plan and the sequencer to execute it,
+    and writes a record and a report. OBJECT is a mesh file or a name of the catalogue, `ellipsoid`
+    if left out; the rotation of the paper, 80 220 100, is the default. Exit status 4 if the
+    object is lost.
 
     \b
     Examples:
@@ -54,11 +60,14 @@ def demo(object_name: str, as_json: bool, **options: Any) -> None:
     if options['quaternion'] is None and options['euler_zyz'] is None:
         options['euler_zyz'] = PAPER_ZYZ_DEG
 
+    known: dict[str, Any] = {}
+
     def work() -> dict[str, Any]:
         request = request_from(object_name, **options)
-        return _run(request, _alone(station_choice('demo', **of_station)), as_json)
+        _run(request, _alone(station_choice('demo', **of_station)), as_json, known)
+        return known
 
-    answer(as_json, KEYS, work, _show)
+    answer(as_json, KEYS, work, _show, known)
 
 
 def _alone(choice: StationChoice) -> StationChoice:
@@ -69,15 +78,15 @@ def _alone(choice: StationChoice) -> StationChoice:
     return choice
 
 
-def _run(request: Request, choice: StationChoice, as_json: bool) -> dict[str, Any]:
-    """Start the station, plan, execute, and write the report."""
+def _run(request: Request, choice: StationChoice, as_json: bool, known: dict[str, Any]) -> None:
+    """Start the station, plan, execute, and write the report; `known` is filled meanwhile."""
     console = news_console(as_json)
     station = RunningStation(choice.config, choice.folder, choice.domain_id, console.print)
     began_s = time.monotonic()
     with interruptible():
         console.print('starting the station …')
         with station, StationClient(choice.config.namespace, choice.domain_id) as client:
-            console.print(f'six nodes ready after {time.monotonic() - began_s:.1f} s; planning …')
+            console.print(f'nodes ready after {time.monotonic() - began_s:.1f} s; planning …')
             found = client.plan(
                 _findable(request.object_name),
                 Pose(),
@@ -89,10 +98,17 @@ def _run(request: Request, choice: StationChoice, as_json: bool) -> dict[str, An
                 rules=request.rules,
             )
             write_plan(found.plan, choice.folder / 'plan.json')
-            done = _execute(client, found, console)
+            goal_error_deg = math.degrees(found.goal_error_rad)
+            known.update(plan_result(found.plan, goal_error_deg, found.planning_time_s))
+            done, failure = _execute(client, request, found, console)
         for trouble in station.troubles:
             console.print(trouble)
-        return _result(request, choice.folder, found, done)
+        if done is not None:
+            known.update(_result(request, choice.folder, found, done, known))
+        if failure is not None:
+            if known.get('report') is not None:
+                console.print(f'report  {known["report"]}', soft_wrap=True)
+            raise failure
 
 
 def _findable(object_name: str) -> str:
@@ -101,8 +117,10 @@ def _findable(object_name: str) -> str:
     return str(path.absolute()) if path.is_file() else object_name
 
 
-def _execute(client: StationClient, found: PlanAnswer, console: Console) -> ExecutionResult:
-    """Execute the plan under a progress bar."""
+def _execute(
+    client: StationClient, request: Request, found: PlanAnswer, console: Console
+) -> tuple[ExecutionResult | None, StationError | None]:
+    """Execute the plan under a progress bar; return how far it came, and why no further."""
     columns = (TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn())
     shown = console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
@@ -114,16 +132,29 @@ def _execute(client: StationClient, found: PlanAnswer, console: Console) -> Exec
             )
             bar.update(task, completed=progress.share, description=text)
 
-        return client.execute(found.plan, 'demo', tell)
+        try:
+            done = client.execute(
+                found.plan,
+                'demo',
+                tell,
+                object_name=_findable(request.object_name),
+                unit_um=request.unit_um or 0.0,
+            )
+        except StationError as error:
+            return error.execution, error
+        return done, None
 
 
 def _result(
-    request: Request, folder: Path, found: PlanAnswer, done: ExecutionResult
+    request: Request,
+    folder: Path,
+    found: PlanAnswer,
+    done: ExecutionResult,
+    of_plan: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Write the report and return what the demonstration says."""
+    """Write the report and return what the demonstration says of the execution."""
     error_rad = done.final_error_rad
     result: dict[str, Any] = {
-        **plan_result(found.plan, math.degrees(found.goal_error_rad), found.planning_time_s),
         'mcap': None if done.record_file is None else str(done.record_file),
         'report': None,
         'held': done.held,
@@ -135,7 +166,7 @@ def _result(
         report = folder / 'report.html'
         goal = found.plan.goal.rotation.as_euler('ZYZ', degrees=True)
         asked = 'R(z, {:.4g}°) R(y, {:.4g}°) R(z, {:.4g}°)'.format(*goal)
-        summary = {'object': request.object_name, 'request': asked, **result}
+        summary = {'object': request.object_name, 'request': asked, **of_plan, **result}
         write_report(Run.open(done.record_file), report, summary)
         result['report'] = str(report)
     return result
@@ -150,4 +181,8 @@ def _show(console: Console, result: Mapping[str, Any]) -> None:
     )
     if result['held'] is None:
         console.print('whether the object was held: not judged, nothing watched it')
+    else:
+        console.print(
+            f'the object was held throughout, and is {result["final_error_deg"]:.3f}° off its goal'
+        )
     console.print(f'record  {result["mcap"]}\nreport  {result["report"]}', soft_wrap=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from microhand_planner.core.errors import BadRequest
-from microhand_station.recording.run_reader import FingerRecord, Run
+from microhand_station.recording.run_reader import FingerRecord, ObjectRecord, Run
 
 _NOT_JUDGED = 'not judged'
 _AXES = 'xyz'
@@ -73,6 +73,8 @@ def write_report(run: Run, path: Path, summary: Mapping[str, Any]) -> None:
         _tiles(run, summary),
         '<h2>Rotations</h2>',
         _rotations(summary.get('rotations') or []),
+        '<h2>Object</h2><p class="dim">How far it was from where the plan had it.</p>',
+        _object_plots(run.object),
         '<h2>Fingers</h2>',
         _fingers(run.fingers),
         '<h2>Position of the stages</h2><p class="dim">Wide: commanded, thin: measured; '
@@ -186,21 +188,42 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = '') -
 def _plot(finger: int, record: FingerRecord) -> str:
     """Draw commanded and measured position over time."""
     both_um = np.hstack([record.commanded_um, record.measured_um])
-    finite = np.flatnonzero(np.isfinite(both_um).all(axis=1))
+    kinds = [f'{kind} {axis}' for kind in ('command', 'measured') for axis in _AXES]
+    return _figure(f'finger {finger}, position [µm]', record.state_time_s, both_um, kinds)
+
+
+def _object_plots(record: ObjectRecord) -> str:
+    """Draw how far the object was from its plan."""
+    if not len(record.time_s):
+        return '<p class="dim">nothing watched it</p>'
+    figures = (
+        _figure(f'away from the plan [{unit}]', record.time_s, values[:, np.newaxis], [kind])
+        for unit, values, kind in (
+            ('°', record.angle_deg, 'measured x'),
+            ('µm', record.distance_um, 'measured y'),
+        )
+    )
+    return f'<div class="grid plots">{"".join(figures)}</div>'
+
+
+def _figure(
+    caption: str, time_s: NDArray[np.float64], values: NDArray[np.float64], kinds: Sequence[str]
+) -> str:
+    """Draw columns of values over time, one line of a kind for each."""
+    finite = np.flatnonzero(np.isfinite(values).all(axis=1))
     if not len(finite):
-        return f'<figure><figcaption>finger {finger}: no states recorded</figcaption></figure>'
+        return f'<figure><figcaption>{caption}: nothing recorded</figcaption></figure>'
     # A stage that moves for a minute has far more samples than a screen has pixels.
     shown = finite[np.unique(np.linspace(0, len(finite) - 1, _POINTS_PER_LINE).astype(int))]
-    both_um, time_s = both_um[shown], record.state_time_s[shown]
+    values, time_s = values[shown], time_s[shown]
     x_ticks = _ticks(float(time_s.min()), float(time_s.max()), 5)
-    y_ticks = _ticks(float(both_um.min()), float(both_um.max()), 4)
+    y_ticks = _ticks(float(values.min()), float(values.max()), 4)
     x_px = _scale(time_s, x_ticks, _LEFT, _WIDTH - _RIGHT)
     lines = []
-    for column in range(6):
-        kind = 'command' if column < 3 else 'measured'
-        y_px = _scale(both_um[:, column], y_ticks, _HEIGHT - _BOTTOM, _TOP)
+    for column, kind in zip(values.T, kinds, strict=True):
+        y_px = _scale(column, y_ticks, _HEIGHT - _BOTTOM, _TOP)
         points = ' '.join(f'{x:.1f},{y:.1f}' for x, y in zip(x_px, y_px, strict=True))
-        lines.append(f'<polyline class="{kind} {_AXES[column % 3]}" points="{points}"/>')
+        lines.append(f'<polyline class="{kind}" points="{points}"/>')
     for value, x in zip(x_ticks, _scale(x_ticks, x_ticks, _LEFT, _WIDTH - _RIGHT), strict=True):
         lines.append(f'<text x="{x:.1f}" y="{_HEIGHT - 19}" text-anchor="middle">{value:g}</text>')
     for value, y in zip(y_ticks, _scale(y_ticks, y_ticks, _HEIGHT - _BOTTOM, _TOP), strict=True):
@@ -210,9 +233,9 @@ def _plot(finger: int, record: FingerRecord) -> str:
         f'<text x="{_WIDTH - _RIGHT}" y="{_HEIGHT - 4}" text-anchor="end">time [s]</text>'
     )
     return (
-        f'<figure><figcaption>finger {finger}, position [µm]</figcaption>'
+        f'<figure><figcaption>{caption}</figcaption>'
         f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
-        f'aria-label="position of finger {finger} over time">{"".join(lines)}</svg></figure>'
+        f'aria-label="{caption} over time">{"".join(lines)}</svg></figure>'
     )
 
 

@@ -24,6 +24,7 @@ from microhand_station.recording.setpoint_tally import SetpointTally
 
 _UM_PER_M = 1e6
 _LIMIT = 1.0  # no stage is a metre long, no period a second
+_LARGEST_ANGLE = 3.15  # rad; no two orientations are further apart
 _STREAMING = 2  # StageState.STREAMING
 _FINGER_TOPIC = re.compile(r'/finger_([1-3])/(setpoints|state)$')
 
@@ -80,6 +81,27 @@ class FingerRecord:
 
 
 @dataclass(frozen=True)
+class ObjectRecord:
+    """How far the object was from where the plan had it. Times since the start of the run.
+
+    Attributes
+    ----------
+    time_s : (n,) array
+        Times to which the deviations refer.
+    angle_deg, distance_um : (n,) array
+        Turned and displaced by so much.
+    """
+
+    time_s: NDArray[np.float64]
+    angle_deg: NDArray[np.float64]
+    distance_um: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for array in vars(self).values():
+            array.setflags(write=False)
+
+
+@dataclass(frozen=True)
 class Event:
     """Something that a node reported during the run; `time_s` since its start."""
 
@@ -107,6 +129,8 @@ class Run:
         Fields of ``microhand_msgs_py/msg/Plan`` as plain values, SI units; None: no plan is there.
     fingers : Mapping[int, FingerRecord]
         By finger, those that occur in the record.
+    object : ObjectRecord
+        How the object followed the plan; empty if nothing watched it.
     events : tuple of Event
         In the order of the record.
     counts : Mapping[str, int]
@@ -125,6 +149,7 @@ class Run:
     metadata: Mapping[str, str]
     plan: Mapping[str, Any] | None
     fingers: Mapping[int, FingerRecord]
+    object: ObjectRecord
     events: tuple[Event, ...]
     counts: Mapping[str, int]
     undecodable: int
@@ -170,6 +195,7 @@ class _Collected:
         self._finished = False
         self._plan: SimpleNamespace | None = None
         self._events: list[SimpleNamespace] = []
+        self._deviations: list[SimpleNamespace] = []
         self._chunks: defaultdict[int, list[SimpleNamespace]] = defaultdict(list)
         self._states: defaultdict[int, list[SimpleNamespace]] = defaultdict(list)
 
@@ -190,8 +216,10 @@ class _Collected:
         self._counts[channel.topic] += 1
         self._log_ns.append(message.log_time)
         finger_topic = _FINGER_TOPIC.search(channel.topic)
-        is_plan, is_event = (channel.topic.endswith(end) for end in ('/plan', '/events'))
-        if not (finger_topic or is_plan or is_event):
+        is_plan, is_event, is_deviation = (
+            channel.topic.endswith(f'/{end}') for end in ('plan', 'events', 'object_deviation')
+        )
+        if not (finger_topic or is_plan or is_event or is_deviation):
             return
         decoded = self._decode(channel, message.data)
         if decoded is None or not _is_plausible(decoded):
@@ -201,6 +229,8 @@ class _Collected:
             (self._chunks if kind == 'setpoints' else self._states)[int(finger)].append(decoded)
         elif is_event:
             self._events.append(decoded)
+        elif is_deviation:
+            self._deviations.append(decoded)
         else:
             self._plan = decoded
 
@@ -236,6 +266,7 @@ class _Collected:
                 finger: _finger_record(self._chunks[finger], self._states[finger], start_ns)
                 for finger in fingers
             },
+            object=_object_record(self._deviations, start_ns),
             events=tuple(
                 Event(
                     _since_s(event.header.stamp, start_ns),
@@ -276,15 +307,25 @@ def _finger_record(
     )
 
 
+def _object_record(deviations: list[SimpleNamespace], start_ns: int) -> ObjectRecord:
+    return ObjectRecord(
+        time_s=np.array([_since_s(off.header.stamp, start_ns) for off in deviations]),
+        angle_deg=np.degrees([off.angle for off in deviations]),
+        distance_um=_UM_PER_M * np.array([off.distance for off in deviations], dtype=float),
+    )
+
+
 def _is_plausible(decoded: SimpleNamespace) -> bool:
-    """Whether positions and periods can be those of a stage; damaged bytes rarely are."""
+    """Whether positions, periods and deviations can be real; damaged bytes rarely are."""
     numbers = list(getattr(decoded, 'positions', ()))
     for name in ('position', 'command'):
         if hasattr(decoded, name):
             point = getattr(decoded, name)
             numbers += [point.x, point.y, point.z]
     in_threes = len(numbers) % 3 == 0
-    return in_threes and all(abs(x) < _LIMIT for x in (*numbers, getattr(decoded, 'period', 0.0)))
+    numbers += [getattr(decoded, name, 0.0) for name in ('period', 'distance')]
+    numbers.append(getattr(decoded, 'angle', 0.0) / _LARGEST_ANGLE)
+    return in_threes and all(abs(x) < _LIMIT for x in numbers)
 
 
 def _points_um(points: Iterable[Any]) -> NDArray[np.float64]:

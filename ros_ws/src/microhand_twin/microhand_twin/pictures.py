@@ -31,7 +31,7 @@ _MOST_GEOMS = 100
 _ARROW_UM_PER_UN = 2.0
 _ARROW_WIDTH_UM = 0.6
 _SHORTEST_ARROW_UN = 0.02
-_AWAY = 4.6  # distance of the camera over the size of what it looks at
+_AWAY = 3.9  # distance of the camera over the size of what it looks at
 _LIBRARIES = {'osmesa': 'OSMesa', 'egl': 'EGL'}
 
 
@@ -61,7 +61,8 @@ class Camera:
         self._view = mujoco.MjvCamera()
         mujoco.mjv_defaultFreeCamera(self._model, self._view)
         self._view.lookat[:] = simulation.object_position_um / LENGTH_UNIT_UM
-        reach_um = np.linalg.norm(world.part.vertices_um, axis=1).max() + 3.0 * world.finger_radius_um
+        part_um = np.linalg.norm(world.part.vertices_um, axis=1).max()
+        reach_um = part_um + 3.0 * world.finger_radius_um
         self._view.distance = _AWAY * reach_um / LENGTH_UNIT_UM
 
     def __enter__(self) -> Camera:

@@ -19,7 +19,7 @@ from microhand_planner.core.errors import (
     InvalidPlan,
     InvalidRotation,
 )
-from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.plan_file import plan_hash
 from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import Pose
@@ -30,6 +30,7 @@ from microhand_planner.ros.conversions import (
     plan_to_msg,
     pose_from_msg,
     pose_to_msg,
+    rules_from_msg,
 )
 
 
@@ -47,6 +48,7 @@ def plan():
         Finger(4.37, 0.123),
         ContactLaw(0.31, 1.37, 29.9),
         SearchOptions(math.radians(17.3), time_limit_s=60.0),
+        GripRules(0.83, 0.57, 0.0613, 4.7, 0.37),
     )
 
 
@@ -64,15 +66,17 @@ def test_a_plan_keeps_its_hash_and_every_number(plan):
     for ours, theirs in zip(back.steps, plan.steps, strict=True):
         for field in dataclasses.fields(ours):
             np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
-    assert back.finger == plan.finger
-    assert back.law == plan.law
+    assert any(step.hold is not None for step in plan.steps)
+    assert any(np.any(step.force_uN) for step in plan.steps)
+    for name in ('finger', 'law', 'rules'):
+        assert getattr(back, name) == getattr(plan, name)
     for ours, theirs in zip(back.rotations, plan.rotations, strict=True):
         assert dataclasses.astuple(ours)[1:] == pytest.approx(dataclasses.astuple(theirs)[1:])
         assert ours.axis == theirs.axis
 
 
 def test_messages_are_in_si_and_quaternions_in_ros_order(plan):
-    """Lengths are metres, forces newtons, angles radians, quaternions x y z w."""
+    """Lengths are metres, forces newtons, angles radians, quaternions x y z w; no grip is NaN."""
     message = plan_to_msg(plan)
     assert message.options.finger_radius == pytest.approx(4.37e-6)
     assert message.options.pull_off_force == pytest.approx(1.37e-6)
@@ -84,14 +88,26 @@ def test_messages_are_in_si_and_quaternions_in_ros_order(plan):
     tip = np.array(message.steps[0].tip_positions).reshape(-1, 3, 3)
     np.testing.assert_allclose(tip * 1e6, plan.steps[0].tip_um, rtol=1e-12)
     assert message.cost == pytest.approx(math.radians(plan.cost_deg))
+    number, hold = plan.tightest
+    sent = message.steps[number]
+    force_N = np.array(sent.contact_forces).reshape(-1, 3, 3)
+    np.testing.assert_allclose(force_N * 1e6, plan.steps[number].force_uN, rtol=1e-12)
+    in_newton = [sent.grip, sent.grip_low, sent.grip_high, sent.margin]
+    assert in_newton == pytest.approx(1e-6 * np.array(list(vars(hold).values())))
+    assert math.isnan(message.steps[0].grip)
+    assert message.options.least_margin == pytest.approx(6.13e-8)
 
 
 def test_zero_in_options_means_the_default():
     """An empty options message plans with the paper's numbers."""
     assert options_from_msg(PlanOptions()) == (Finger(), ContactLaw(), SearchOptions())
+    assert rules_from_msg(PlanOptions()) == GripRules()
     paper = SearchOptions(mode=Mode.PAPER)
     law = ContactLaw(adhesion=False)
-    assert options_from_msg(options_to_msg(Finger(), law, paper)) == (Finger(), law, paper)
+    rules = GripRules(0.7, 0.5, 0.01, 2.5, 0.1)
+    message = options_to_msg(Finger(), law, paper, rules)
+    assert options_from_msg(message) == (Finger(), law, paper)
+    assert rules_from_msg(message) == rules
 
 
 @pytest.mark.parametrize(
@@ -108,6 +124,23 @@ def test_impossible_options_are_refused(changes, error):
     """NaN, negative, absurd: each has its error."""
     with pytest.raises(error):
         options_from_msg(PlanOptions(**changes))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'error', 'field'),
+    [
+        ({'margin_factor': 1.01}, InvalidParameter, 'margin'),
+        ({'margin_factor': -0.5}, InvalidParameter, 'margin'),
+        ({'roll_factor': float('nan')}, InvalidNumber, 'roll-margin'),
+        ({'least_margin': -1e-9}, InvalidParameter, 'least-margin'),
+        ({'nominal_grip': 1.0}, InvalidParameter, 'grip'),
+        ({'grip_tolerance': float('inf')}, InvalidNumber, 'grip-tolerance'),
+    ],
+)
+def test_impossible_margins_are_refused(changes, error, field):
+    """Shares above one, negative forces, NaN: the margin at fault is named."""
+    with pytest.raises(error, match=f'^{field} is '):
+        rules_from_msg(PlanOptions(**changes))
 
 
 def test_poses_that_are_no_poses_are_refused():
@@ -142,6 +175,9 @@ def test_a_changed_plan_does_not_fit_its_hash(plan):
         (lambda step: step.tip_positions.append(0.0), 'step 1: tip_positions is of length'),
         (lambda step: step.object_positions.pop(), 'step 1: object_positions is of length'),
         (lambda step: step.tip_positions.__setitem__(0, math.nan), 'tip_um is not finite'),
+        (lambda step: step.contact_forces.pop(), 'step 1: contact_forces is of length'),
+        (lambda step: step.contact_forces.__setitem__(0, math.nan), 'force_uN is not finite'),
+        (lambda step: setattr(step, 'grip', 1e-6), 'hold: low_uN is nan'),
     ],
 )
 def test_malformed_steps_are_named(plan, spoil, text):
@@ -153,11 +189,12 @@ def test_malformed_steps_are_named(plan, spoil, text):
 
 
 def test_another_format_is_refused(plan):
-    """A plan of another major version is not guessed at; nor is a step of no known kind."""
+    """A plan of another major version is not guessed at, nor one of none."""
     message = plan_to_msg(plan)
-    message.format_version = '2.0'
-    with pytest.raises(InvalidPlan, match=r"format_version is '2\.0'; allowed: 1\.x"):
-        plan_from_msg(message)
+    for version in ('1.0', '3.0'):
+        message.format_version = version
+        with pytest.raises(InvalidPlan, match=rf"format_version is '{version}'; allowed: 2\.x"):
+            plan_from_msg(message)
     with pytest.raises(InvalidPlan, match='format_version'):
         plan_from_msg(PlanMsg())
 

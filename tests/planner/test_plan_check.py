@@ -138,6 +138,7 @@ def test_overlapping_tips_are_found_between_waypoints(plan):
                 object_position_um=step.object_position_um[:2],
                 object_quaternion_wxyz=step.object_quaternion_wxyz[:2],
                 normal=step.normal[:2],
+                force_uN=step.force_uN[:2],
             ),
         ),
     )

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.errors import BadRequest, InvalidPlan
-from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
-from microhand_planner.core.plan import Plan
+from microhand_planner.core.hold import Hold
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
+from microhand_planner.core.plan import Plan, StepKind
 from microhand_planner.core.plan_file import (
     plan_from_dict,
     plan_hash,
@@ -38,6 +39,7 @@ def plan():
         Finger(clearance_um=0.25),
         ContactLaw(friction=0.37),
         SearchOptions(math.radians(17.0), time_limit_s=60.0),
+        GripRules(0.85, 0.55, 0.04, 4.4, 0.4),
     )
 
 
@@ -50,7 +52,7 @@ def content(plan):
 def assert_same(one: Plan, other: Plan):
     """Compare two plans field by field; angles may differ by rounding."""
     assert plan_hash(one) == plan_hash(other)
-    for name in ('object_name', 'object_sha256', 'finger', 'law', 'rotations'):
+    for name in ('object_name', 'object_sha256', 'finger', 'law', 'rules', 'rotations'):
         assert getattr(one, name) == getattr(other, name)
     assert one.options.step_rad == pytest.approx(other.options.step_rad, rel=1e-15)
     for pose, again in ((one.start, other.start), (one.goal, other.goal)):
@@ -66,7 +68,9 @@ def assert_same(one: Plan, other: Plan):
 
 
 def test_a_plan_comes_back_from_a_file(plan, tmp_path):
-    """Written and read again it is the same plan, with the same hash."""
+    """Written and read again it is the same plan, with the same hash, forces and margins."""
+    assert any(step.hold is not None for step in plan.steps)
+    assert any(np.any(step.force_uN) for step in plan.steps)
     path = tmp_path / 'plan.json'
     write_plan(plan, path)
     assert_same(plan, read_plan(path))
@@ -81,7 +85,7 @@ def test_a_file_is_strict_json_without_nan(plan, tmp_path):
         raise AssertionError(token)
 
     found = json.loads(path.read_text(encoding='utf-8'), parse_constant=refuse)
-    assert found['format_version'] == '1.0'
+    assert found['format_version'] == '2.0'
     assert found['plan_hash'] == plan_hash(plan)
     assert any(
         None in normal for step in found['steps'] for row in step['normal'] for normal in row
@@ -99,24 +103,39 @@ def test_writing_twice_gives_the_same_bytes(plan, tmp_path):
 # ---------------------------------------------------------------- the hash
 
 
-def spoiled(plan, **changes):
-    """Return the plan with other values in step 1."""
+def spoiled(plan, number, **changes):
+    """Return the plan with other values in one step."""
     steps = list(plan.steps)
-    steps[1] = dataclasses.replace(steps[1], **changes)
+    steps[number] = dataclasses.replace(steps[number], **changes)
     return dataclasses.replace(plan, steps=tuple(steps))
 
 
+def changed(array, where, by):
+    """Return a copy of an array with something added at one place."""
+    copy = np.array(array)
+    copy[where] += by
+    return copy
+
+
 def test_the_hash_sees_every_number_that_matters(plan):
-    """A change of one picometre, or of any setting, is another plan."""
-    tip_um = np.array(plan.steps[1].tip_um)
-    tip_um[3, 1, 2] += 1e-6
-    normal = np.array(plan.steps[1].normal)
-    normal[2, np.flatnonzero(plan.steps[1].in_contact)[0], 1] += 1e-11
+    """A change of one picometre, one piconewton, or of any setting, is another plan."""
+    number, roll = next(
+        (i, step) for i, step in enumerate(plan.steps) if step.kind is StepKind.ROLL
+    )
+    held = roll.in_contact.index(True)
     others = [
-        spoiled(plan, tip_um=tip_um),
-        spoiled(plan, normal=normal),
-        spoiled(plan, finger=3),
-        spoiled(plan, angle_rad=plan.steps[1].angle_rad + 1e-6),
+        spoiled(plan, number, tip_um=changed(roll.tip_um, (3, 1, 2), 1e-6)),
+        spoiled(plan, number, normal=changed(roll.normal, (2, held, 1), 1e-11)),
+        spoiled(plan, number, force_uN=changed(roll.force_uN, (4, held, 0), 1e-6)),
+        spoiled(plan, number, hold=None),
+        *(
+            spoiled(plan, number, hold=dataclasses.replace(roll.hold, **{name: value + 1e-6}))
+            for name, value in vars(roll.hold).items()
+        ),
+        spoiled(plan, number, kind=StepKind.TRANSLATE),
+        spoiled(plan, number, rotation=len(plan.rotations) - 1),
+        spoiled(plan, number, finger=3),
+        spoiled(plan, number, angle_rad=roll.angle_rad + 1e-6),
         dataclasses.replace(plan, object_sha256='0' * 64),
         dataclasses.replace(plan, object_name='another'),
         dataclasses.replace(plan, start=plan.goal),
@@ -124,11 +143,63 @@ def test_the_hash_sees_every_number_that_matters(plan):
         dataclasses.replace(plan, law=dataclasses.replace(plan.law, friction=0.371)),
         dataclasses.replace(plan, law=dataclasses.replace(plan.law, adhesion=False)),
         dataclasses.replace(plan, options=SearchOptions()),
+        *(
+            dataclasses.replace(
+                plan, rules=dataclasses.replace(plan.rules, **{name: value * 1.000001})
+            )
+            for name, value in vars(plan.rules).items()
+        ),
         dataclasses.replace(plan, steps=plan.steps[:-1]),
-        dataclasses.replace(plan, rotations=plan.rotations[:-1]),
+        dataclasses.replace(plan, rotations=(*plan.rotations, plan.rotations[0])),
     ]
+    assert len(others) > 25
     hashes = {plan_hash(other) for other in [plan, *others]}
     assert len(hashes) == len(others) + 1
+
+
+def test_a_step_of_a_rotation_that_is_not_there_makes_no_plan(plan):
+    """Steps and rotations that do not belong together are refused when the plan is built."""
+    first = next(i for i, step in enumerate(plan.steps) if step.rotation == 2)
+    with pytest.raises(InvalidPlan, match=f'step {first}: rotation is 2; allowed: 0 to 1'):
+        dataclasses.replace(plan, rotations=plan.rotations[:-1])
+    with pytest.raises(InvalidPlan, match='step 1: rotation is -1; allowed: 0 to 2'):
+        spoiled(plan, 1, rotation=-1)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'text'),
+    [
+        ('force_uN', np.full((2, 3, 3), math.nan), 'force_uN is not finite'),
+        ('force_uN', np.full((2, 3, 3), 1e6), 'force_uN is too large; allowed: numbers up to'),
+        (
+            'force_uN',
+            np.zeros((3, 3, 3)),
+            r'force_uN is of shape \(3, 3, 3\); allowed: shape \(2,',
+        ),
+        ('force_uN', np.ones((2, 3, 3)), 'force_uN is not zero for a finger in the air'),
+        ('tip_um', np.zeros((1, 3, 3)), 'object_position_um is of shape'),
+        ('finger', 4, 'finger is 4; allowed: 0, 1, 2 or 3'),
+        ('angle_rad', math.inf, 'angle is inf'),
+    ],
+)
+def test_steps_are_checked_when_they_are_built(plan, name, value, text):
+    """Forces that are none, shapes that do not fit, and forces of fingers in the air."""
+    grip = next(step for step in plan.steps if step.kind is StepKind.GRIP)
+    assert sum(grip.in_contact) == 2
+    with pytest.raises(InvalidPlan, match=text):
+        dataclasses.replace(grip, **{name: value})
+
+
+@pytest.mark.parametrize('name', ['grip_uN', 'low_uN', 'high_uN', 'margin_uN'])
+def test_a_hold_is_made_of_numbers(name):
+    """NaN and infinity are no grip; everything else becomes whole piconewtons."""
+    values = dict.fromkeys(('grip_uN', 'low_uN', 'high_uN', 'margin_uN'), 1.23456789)
+    assert getattr(Hold(**values), name) == 1.234568
+    for value in (math.nan, math.inf):
+        with pytest.raises(
+            InvalidPlan, match=f'hold: {name} is {value}; allowed: a finite number'
+        ):
+            Hold(**{**values, name: value})
 
 
 def test_the_hash_does_not_see_the_effort(plan):
@@ -173,6 +244,10 @@ def put(content, path, value):
         (['steps', 1, 'angle_deg'], 12.0),
         (['goal', 'position_um', 0], 7.0),
         (['finger', 'radius_um'], 4.6),
+        (['rules', 'margin_factor'], 0.5),
+        (['steps', 1, 'force_uN', 1, 0, 0], 0.25),
+        (['steps', 2, 'hold', 'margin_uN'], 9.0),
+        (['steps', 2, 'hold'], None),
         (['object', 'name'], 'another'),
         (['rotations', 0, 'axis'], 'y'),
         (['plan_hash'], '0' * 64),
@@ -186,24 +261,40 @@ def test_edited_plans_are_refused(content, path, value):
         plan_from_dict(content)
 
 
-@pytest.mark.parametrize('version', ['2.0', '0.9', 'x', None, '', 2])
+@pytest.mark.parametrize('version', ['1.0', '3.0', '0.9', 'x', None, '', 1])
 def test_other_versions_are_refused(content, version):
     """Another major version may mean anything."""
     content['format_version'] = version
-    with pytest.raises(InvalidPlan, match=r'format_version is .*; allowed: 1\.0'):
+    with pytest.raises(InvalidPlan, match=r'format_version is .*; allowed: 2\.0'):
         plan_from_dict(content)
 
 
 def test_later_minor_versions_are_read(content, plan):
-    """1.7 may only add fields."""
-    content.update(format_version='1.7', news=42)
+    """2.7 may only add fields."""
+    content.update(format_version='2.7', news=42)
     assert plan_hash(plan_from_dict(content)) == plan_hash(plan)
 
 
-@pytest.mark.parametrize('key', ['object', 'start', 'goal', 'finger', 'law', 'options', 'steps'])
-def test_missing_fields_are_named(content, key):
+@pytest.mark.parametrize(
+    'path',
+    [
+        *([key] for key in ('object', 'start', 'goal', 'finger', 'law', 'options', 'steps')),
+        ['rules'],
+        ['options', 'mode'],
+        ['rotations', 0, 'waiting'],
+        ['steps', 2, 'force_uN'],
+        ['steps', 2, 'hold'],
+        ['steps', 2, 'hold', 'low_uN'],
+    ],
+    ids=lambda path: '.'.join(map(str, path)),
+)
+def test_missing_fields_are_named(content, path):
     """A file without one of its parts says which."""
-    del content[key]
+    *way, key = path
+    within = content
+    for part in way:
+        within = within[part]
+    del within[key]
     with pytest.raises(InvalidPlan, match=key):
         plan_from_dict(content)
 
@@ -225,6 +316,10 @@ PATHS = [
     ['rotations', 0, 'axis'],
     ['rotations', 0, 'cost_deg'],
     ['rotations', 0, 'reconfigurations'],
+    ['rotations', 0, 'waiting'],
+    ['rules'],
+    ['rules', 'margin_factor'],
+    ['rules', 'grip_tolerance_uN'],
     ['steps'],
     ['steps', 0],
     ['steps', 0, 'kind'],
@@ -237,6 +332,11 @@ PATHS = [
     ['steps', 0, 'tip_um', 0, 0, 0],
     ['steps', 0, 'normal'],
     ['steps', 0, 'object_quaternion_wxyz', 0, 0],
+    ['steps', 1, 'force_uN'],
+    ['steps', 1, 'force_uN', 0],
+    ['steps', 1, 'force_uN', 1, 0, 0],
+    ['steps', 2, 'hold'],
+    ['steps', 2, 'hold', 'grip_uN'],
 ]
 WRONG = [
     None, True, -1, 0, 10**400, 1e300, math.nan, math.inf, '', 'x', 'yes', [], [[]], {}, {'a': 1},
@@ -280,14 +380,14 @@ json_values = st.recursive(
 def test_any_json_object_is_a_plan_or_a_bad_request(content, with_version):
     """Whatever the dictionary holds, there is no other outcome."""
     if with_version:
-        content = {**content, 'format_version': '1.0'}
+        content = {**content, 'format_version': '2.0'}
     with pytest.raises(InvalidPlan):
         plan_from_dict(content)
 
 
 @pytest.mark.parametrize(
     'text',
-    ['', '{', 'null', '[]', '"plan"', '{"format_version": "1.0"}', '\x00', '[' * 100_000, '1e999'],
+    ['', '{', 'null', '[]', '"plan"', '{"format_version": "2.0"}', '\x00', '[' * 100_000, '1e999'],
     ids=['empty', 'open', 'null', 'list', 'text', 'version', 'zero', 'deep', 'number'],
 )
 def test_files_that_hold_no_plan_are_refused(tmp_path, text):

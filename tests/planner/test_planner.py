@@ -136,10 +136,10 @@ def test_costs_are_those_of_the_steps(adhesion):
 
 
 def test_no_rotation_at_all_is_a_grasp(geometry):
-    """A goal that is the start needs the first grasp, and nothing else."""
+    """A goal that is the start needs the first grasp, closed, and nothing else."""
     pose = Pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
     plan = plan_for(geometry, pose, pose)
-    assert [step.kind for step in plan.steps] == [StepKind.APPROACH]
+    assert [step.kind for step in plan.steps] == [StepKind.APPROACH, StepKind.GRIP]
     assert (plan.cost_deg, plan.reconfigurations) == (0.0, 0)
     assert plan.reached == pose
 
@@ -147,13 +147,16 @@ def test_no_rotation_at_all_is_a_grasp(geometry):
 def test_translation_alone_is_a_grasp_and_a_carry(geometry):
     """Fingers take hold and translate together; the free one goes with them."""
     plan = plan_for(geometry, Pose((30.0, 0.0, -40.0)))
-    assert [step.kind for step in plan.steps] == [StepKind.APPROACH, StepKind.TRANSLATE]
-    carried = np.diff(plan.steps[1].tip_um, axis=0)
-    moved = np.diff(plan.steps[1].object_position_um, axis=0)
+    *closing, carry = plan.steps
+    assert [step.kind for step in closing] == [StepKind.APPROACH, StepKind.GRIP]
+    assert carry.kind is StepKind.TRANSLATE
+    carried = np.diff(carry.tip_um, axis=0)
+    moved = np.diff(carry.object_position_um, axis=0)
     assert carried == pytest.approx(np.repeat(moved[:, None], 3, axis=1), abs=2e-6)
-    assert plan.steps[1].tip_um[-1] - plan.steps[1].tip_um[0] == pytest.approx(
+    assert carry.tip_um[-1] - carry.tip_um[0] == pytest.approx(
         np.tile([30.0, 0.0, -40.0], (3, 1)), abs=1e-5
     )
+    assert np.all(carry.force_uN == closing[-1].force_uN[-1])
 
 
 @pytest.mark.parametrize('angle_deg', [-170.0, 33.3, 180.0])
@@ -162,7 +165,8 @@ def test_rotation_about_z_alone_is_one_planar_rotation(geometry, angle_deg):
     plan = plan_for(geometry, turned_by(Rotation.from_rotvec([0, 0, math.radians(angle_deg)])))
     assert [report.axis for report in plan.rotations] == ['z']
     assert plan.cost_deg == pytest.approx(2 * abs(angle_deg))
-    assert [step.kind for step in plan.steps] == [StepKind.APPROACH, StepKind.ROLL]
+    kinds = [step.kind for step in plan.steps]
+    assert kinds == [StepKind.APPROACH, StepKind.GRIP, StepKind.ROLL]
 
 
 def test_the_papers_rotation_in_paper_mode(geometry):

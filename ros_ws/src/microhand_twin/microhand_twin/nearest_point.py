@@ -168,27 +168,7 @@ def _nearest_on_patch(
     u = 1.0 / 3.0
     v = 1.0 / 3.0
     for _ in range(_ITERATIONS):
-        gu = gv = huu = huv = hvv = tuu = tuv = tvv = 0.0
-        for i in range(3):
-            a = row + i
-            a10, a01, a20 = table[a + 3], table[a + 6], table[a + 9]
-            a11, a02, a30 = table[a + 12], table[a + 15], table[a + 18]
-            a21, a12, a03 = table[a + 21], table[a + 24], table[a + 27]
-            x = (
-                table[a] + u * (a10 + u * (a20 + u * a30)) + v * (a01 + v * (a02 + v * a03))
-                + u * v * (a11 + u * a21 + v * a12)
-            )  # fmt: skip
-            xu = a10 + u * (2.0 * a20 + 3.0 * u * a30) + v * (a11 + 2.0 * u * a21 + v * a12)
-            xv = a01 + v * (2.0 * a02 + 3.0 * v * a03) + u * (a11 + u * a21 + 2.0 * v * a12)
-            d = x - point[i]
-            gu += d * xu
-            gv += d * xv
-            huu += xu * xu
-            huv += xu * xv
-            hvv += xv * xv
-            tuu += d * (2.0 * a20 + 6.0 * u * a30 + 2.0 * v * a21)
-            tuv += d * (a11 + 2.0 * u * a21 + 2.0 * v * a12)
-            tvv += d * (2.0 * a02 + 6.0 * v * a03 + 2.0 * u * a12)
+        gu, gv, huu, huv, hvv, tuu, tuv, tvv = _slopes(table, row, point, u, v)
         determinant = (huu + tuu) * (hvv + tvv) - (huv + tuv) * (huv + tuv)
         if determinant > 0.05 * (huu * hvv - huv * huv) and huu + tuu > 0.0:
             huu, huv, hvv = huu + tuu, huv + tuv, hvv + tvv
@@ -213,29 +193,67 @@ def _nearest_on_patch(
 
 
 @nb.njit(cache=True)
+def _slopes(
+    table: FloatArray, row: int, point: FloatArray, u: float, v: float
+) -> tuple[float, float, float, float, float, float, float, float]:  # pragma: no cover - compiled
+    """Return derivatives of half the squared distance from a point to the patch at (u, v).
+
+    First the gradient; then the second derivatives uu, uv, vv of a flat patch; then what the
+    curvature adds to them.
+    """
+    gu = gv = huu = huv = hvv = tuu = tuv = tvv = 0.0
+    for i in range(3):
+        a = row + i
+        a10, a01, a20 = table[a + 3], table[a + 6], table[a + 9]
+        a11, a02, a30 = table[a + 12], table[a + 15], table[a + 18]
+        a21, a12, a03 = table[a + 21], table[a + 24], table[a + 27]
+        x = (
+            table[a] + u * (a10 + u * (a20 + u * a30)) + v * (a01 + v * (a02 + v * a03))
+            + u * v * (a11 + u * a21 + v * a12)
+        )  # fmt: skip
+        xu = a10 + u * (2.0 * a20 + 3.0 * u * a30) + v * (a11 + 2.0 * u * a21 + v * a12)
+        xv = a01 + v * (2.0 * a02 + 3.0 * v * a03) + u * (a11 + u * a21 + 2.0 * v * a12)
+        d = x - point[i]
+        gu += d * xu
+        gv += d * xv
+        huu += xu * xu
+        huv += xu * xv
+        hvv += xv * xv
+        tuu += d * (2.0 * a20 + 6.0 * u * a30 + 2.0 * v * a21)
+        tuv += d * (a11 + 2.0 * u * a21 + 2.0 * v * a12)
+        tvv += d * (2.0 * a02 + 6.0 * v * a03 + 2.0 * u * a12)
+    return gu, gv, huu, huv, hvv, tuu, tuv, tvv
+
+
+@nb.njit(cache=True)
 def _nearest_on_creases(
     table: FloatArray, row: int, point: FloatArray, found: FloatArray
 ) -> bool:  # pragma: no cover - compiled
-    """Find the nearest point on those straight edges of a patch that are edges of the part."""
+    """Find the nearest point on those edges of a patch that are edges of the part."""
     trial = np.zeros(4)
     any_found = False
     for edge in range(3):
         if table[row + 31 + edge] < 0.5:
             continue
-        square = along = 0.0
-        for i in range(3):
-            a = row + i
-            first = table[a]
-            second = table[a] + table[a + 3] + table[a + 9] + table[a + 18]
-            third = table[a] + table[a + 6] + table[a + 15] + table[a + 27]
-            start = first if edge == 0 else (second if edge == 1 else third)
-            end = second if edge == 0 else (third if edge == 1 else first)
-            square += (end - start) * (end - start)
-            along += (end - start) * (point[i] - start)
-        t = min(max(along / square, 0.0), 1.0)
-        u = t if edge == 0 else (1.0 - t if edge == 1 else 0.0)
-        v = 0.0 if edge == 0 else (t if edge == 1 else 1.0 - t)
-        _place(table, row, point, u, v, trial)
+        # edge 0 runs from (0, 0) to (1, 0), edge 1 on to (0, 1), edge 2 back
+        du = 1.0 if edge == 0 else (-1.0 if edge == 1 else 0.0)
+        dv = 0.0 if edge == 0 else (1.0 if edge == 1 else -1.0)
+        u0 = 1.0 if edge == 1 else 0.0
+        v0 = 1.0 if edge == 2 else 0.0
+        t = 0.5
+        for _ in range(_ITERATIONS):
+            gu, gv, huu, huv, hvv, tuu, tuv, tvv = _slopes(
+                table, row, point, u0 + t * du, v0 + t * dv
+            )
+            slope = gu * du + gv * dv
+            flat = huu * du * du + 2.0 * huv * du * dv + hvv * dv * dv
+            bent = flat + tuu * du * du + 2.0 * tuv * du * dv + tvv * dv * dv
+            step = -slope / (bent if bent > 0.05 * flat else flat)
+            before = t
+            t = min(max(t + step, 0.0), 1.0)
+            if abs(t - before) < _CONVERGED:
+                break
+        _place(table, row, point, u0 + t * du, v0 + t * dv, trial)
         if not any_found or trial[0] < found[0]:
             found[:] = trial
             any_found = True

@@ -29,6 +29,9 @@ COPLANAR_RAD = 1e-3
 FLAT_RATIO = 9.0
 """A side this much larger than what else meets at a corner gives the corner its normal."""
 
+LINE_RATIO = 3.0
+"""A straight line this much longer than the edge beside it gives that edge its direction."""
+
 _CUBIC_TERMS = 9
 _QUADRATIC_TERMS = 5
 _NEARNESS = 0.05
@@ -47,7 +50,7 @@ class SmoothSurface:
         Control points of the patches, object frame [µm]: the corners 0, 1, 2; on the edges 0-1,
         1-2, 2-0 the point near the first corner and that near the second; the middle.
     crease : (m, 3) bool
-        Whether edge k, from corner k to the next, is an edge of the part. Those are straight.
+        Whether edge k, from corner k to the next, is an edge of the part.
     """
 
     control_um: FloatArray
@@ -88,7 +91,10 @@ def smooth_surface(part: Part) -> SmoothSurface:
     normal = _fitted_normals(part, corners, mean)
     normal = _normals_of_flat_sides(normal, face_normal, double_area, corners)
     corner_normal = normal[corners.place].reshape(-1, 3, 3)
-    control_um = _control_points(triangles_um, corner_normal, corners.crease)
+    handles_um = _edge_handles(triangles_um, corner_normal)
+    crease_handles_um = _crease_handles(part, corners.crease)
+    handles_um = np.where(corners.crease[:, :, None, None], crease_handles_um, handles_um)
+    control_um = _control_points(triangles_um, handles_um)
     crease = corners.crease.copy()
     crease.setflags(write=False)
     return SmoothSurface(readonly(control_um), crease)
@@ -204,26 +210,72 @@ def _normals_of_flat_sides(
     return result
 
 
-def _control_points(
-    triangles_um: FloatArray, corner_normal: FloatArray, crease: BoolArray
-) -> FloatArray:
-    """Return the control points (m, 10, 3) of the patches over triangles with corner normals."""
+def _edge_handles(triangles_um: FloatArray, corner_normal: FloatArray) -> FloatArray:
+    """Return how each edge leaves its two ends, (m, 3, 2, 3): along their tangent planes."""
+    chord_um = np.roll(triangles_um, -1, axis=1) - triangles_um
+    handles_um = np.zeros((*triangles_um.shape[:2], 2, 3))
+    for end, normal in enumerate((corner_normal, np.roll(corner_normal, -1, axis=1))):
+        away_um = chord_um if end == 0 else -chord_um
+        along = np.einsum('fki,fki->fk', away_um, normal)[..., None]
+        handles_um[:, :, end] = _handle(away_um, away_um - along * normal)
+    return handles_um
+
+
+def _crease_handles(part: Part, crease: BoolArray) -> FloatArray:
+    """Return how edges of the part leave their ends, (m, 3, 2, 3); zero for others.
+
+    Where two of them meet at a vertex, and turn by no more than 20°, they are one smooth line,
+    with the tangent of the circle through the vertex and its two neighbours; next to a straight
+    line three times as long, they begin in its direction. Elsewhere they are straight.
+    """
+    vertices_um, faces = part.vertices_um, part.faces
+    face, side = np.nonzero(crease)
+    start, end = faces[face, side], faces[face, (side + 1) % 3]
+    # each is listed twice, once in each direction: so every vertex has all of its neighbours
+    order = np.argsort(start, kind='stable')
+    numbers = np.bincount(start, minlength=len(vertices_um))
+    first = np.concatenate([[0], np.cumsum(numbers)])
+    pair = np.flatnonzero(numbers == 2)
+    one, other = end[order[first[pair]]], end[order[first[pair] + 1]]
+    tangent = np.full((len(vertices_um), 3), np.nan)  # from `one` on to `other`
+    arriving, leaving = (
+        vertices_um[pair] - vertices_um[one],
+        vertices_um[other] - vertices_um[pair],
+    )
+    before, after = (
+        np.linalg.norm(arriving, axis=1)[:, None],
+        np.linalg.norm(leaving, axis=1)[:, None],
+    )
+    arriving, leaving = arriving / before, leaving / after
+    smooth = np.einsum('ij,ij->i', arriving, leaving) >= math.cos(CREASE_RAD)
+    middle = arriving * after + leaving * before
+    middle = np.where(before > LINE_RATIO * after, arriving, middle)
+    middle = np.where(after > LINE_RATIO * before, leaving, middle)
+    tangent[pair[smooth]] = middle[smooth]
+    handles_um = np.zeros((*faces.shape, 2, 3))
+    for which, (here, there) in enumerate(((start, end), (end, start))):
+        chord_um = vertices_um[there] - vertices_um[here]
+        along = tangent[here]
+        along = np.where(np.einsum('ij,ij->i', along, chord_um)[:, None] < 0.0, -along, along)
+        along = np.where(np.isnan(along), chord_um, along)
+        handles_um[face, side, which] = _handle(chord_um, along)
+    return handles_um
+
+
+def _handle(chord_um: FloatArray, along: FloatArray) -> FloatArray:
+    """Return how a cubic over a chord leaves its end in a direction, as a circular arc would."""
+    length = np.linalg.norm(chord_um, axis=-1)[..., None]
+    unit = along / np.maximum(np.linalg.norm(along, axis=-1)[..., None], 1e-12 * length)
+    cos = np.einsum('...i,...i->...', chord_um, unit)[..., None] / length
+    return np.asarray(unit * (2.0 / 3.0) * length / (1.0 + np.maximum(cos, 0.0)))
+
+
+def _control_points(triangles_um: FloatArray, handles_um: FloatArray) -> FloatArray:
+    """Return the control points (m, 10, 3) of the patches over triangles with such edges."""
     control = np.zeros((len(triangles_um), 10, 3))
     control[:, :3] = triangles_um
-    for k in range(3):
-        start, end = triangles_um[:, k], triangles_um[:, (k + 1) % 3]
-        straight = crease[:, k, None]
-        control[:, 3 + 2 * k] = start + _handle(end - start, corner_normal[:, k], straight)
-        control[:, 4 + 2 * k] = end + _handle(start - end, corner_normal[:, (k + 1) % 3], straight)
+    control[:, 3:9:2] = triangles_um + handles_um[:, :, 0]
+    control[:, 4:9:2] = np.roll(triangles_um, -1, axis=1) + handles_um[:, :, 1]
     edges = control[:, 3:9].mean(axis=1)
     control[:, 9] = edges + 0.5 * (edges - triangles_um.mean(axis=1))
     return control
-
-
-def _handle(chord_um: FloatArray, normal: FloatArray, straight: BoolArray) -> FloatArray:
-    """Return how a cubic leaves its end: along the tangent plane, as a circular arc would."""
-    tangent = chord_um - np.einsum('ij,ij->i', chord_um, normal)[:, None] * normal
-    length = np.linalg.norm(chord_um, axis=1)[:, None]
-    along = np.maximum(np.linalg.norm(tangent, axis=1)[:, None], 1e-12 * length)
-    handle_um = tangent / along * (2.0 / 3.0) * length / (1.0 + along / length)
-    return np.where(straight, chord_um / 3.0, handle_um)

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from microhand_planner.core.errors import InvalidParameter
 from microhand_planner.core.parameters import ContactLaw, check_number
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import FINGERS
@@ -99,7 +100,10 @@ def build_world(
     law = law or ContactLaw()
     numerics = numerics or Numerics()
     check_number('finger-radius', finger_radius_um, low=0.01, high=1e4)
-    stiffness = np.array(np.broadcast_to(np.asarray(stiffness_uN_per_um, dtype=float), (FINGERS,)))
+    stiffness = np.asarray(stiffness_uN_per_um, dtype=np.float64)
+    if stiffness.shape not in ((), (FINGERS,)):
+        raise InvalidParameter('stiffness', stiffness.tolist(), f'one number, or {FINGERS}')
+    stiffness = np.broadcast_to(stiffness, (FINGERS,))
     for value in stiffness:
         check_number('stiffness', float(value), low=0.1, high=1e4)
     fingers_xml = ''.join(_finger_xml(i, finger_radius_um, numerics) for i in range(FINGERS))

@@ -1,15 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Timed trajectories: at rest at both ends, through the waypoints, within speed and travel."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ruckig import InputParameter, Ruckig
+from ruckig import Trajectory as Profile
 from scipy.spatial.transform import Rotation
 
-from microhand_planner.core.errors import InvalidPlan, TravelExceeded
+from microhand_planner.core.errors import (
+    InvalidNumber,
+    InvalidParameter,
+    InvalidPlan,
+    TravelExceeded,
+)
 from microhand_planner.core.plan import Step, StepKind
 from microhand_planner.core.trajectory import Pace, time_steps
 from microhand_planner.core.travel import StageLimits, check_travel
@@ -96,9 +104,111 @@ def test_positions_and_velocities_are_continuous():
     timed = time_steps([turn, travel((20, 0, 0), (50, 0, 0), (50, 30, 0), after=turn)], PACE)
     jump = np.linalg.norm(np.diff(timed.tip_um[: timed.step_end[0] + 1], axis=0), axis=-1)
     assert jump.max() <= PACE.roll_rate_rad_s * 20.0 * timed.period_s * 1.001
-    acceleration = np.diff(timed.velocity_um_s, axis=0) / timed.period_s
-    shortest_s = timed.period_s * np.diff([0, *timed.step_end]).min()
-    assert np.abs(acceleration).max() < 20 * 250.0 / shortest_s
+    acceleration = np.linalg.norm(np.diff(timed.velocity_um_s, axis=0), axis=-1) / timed.period_s
+    along = PACE.acceleration_um_s2
+    inward = 20.0 * PACE.roll_rate_rad_s**2
+    assert acceleration.max() <= math.hypot(along, inward) * 1.001
+
+
+corners_um = st.lists(st.tuples(*3 * [st.floats(-50.0, 50.0)]), min_size=2, max_size=8)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(corners_um, st.floats(50.0, 1000.0), st.floats(1e3, 1e5), st.floats(1e4, 1e7))
+def test_acceleration_and_jerk_stay_within_the_pace_on_any_polyline(
+    corners, travel_um_s, acceleration_um_s2, jerk_um_s3
+):
+    """Differences of the sampled velocities are the judge; corners are no exception.
+
+    A difference over one period is a mean over it, which no peak within it can be below.
+    """
+    pace = Pace(
+        travel_um_s=travel_um_s,
+        axis_um_s=1000.0,
+        acceleration_um_s2=acceleration_um_s2,
+        jerk_um_s3=jerk_um_s3,
+        period_s=0.001,
+    )
+    timed = time_steps([travel(*corners)], pace)
+    acceleration = np.diff(timed.velocity_um_s[:, 0], axis=0) / pace.period_s
+    assert np.linalg.norm(acceleration, axis=1).max() <= acceleration_um_s2 * (1 + 1e-6)
+    jerk = np.diff(acceleration, axis=0) / pace.period_s
+    # where the path turns while at rest, the jerks of braking and of starting add up
+    assert np.linalg.norm(jerk, axis=1).max(initial=0.0) <= 2 * jerk_um_s3 * (1 + 1e-6)
+    np.testing.assert_array_equal(timed.velocity_um_s[[0, -1]], 0.0)
+
+
+def test_a_straight_line_has_the_seven_phases_of_limited_jerk():
+    """100 µm at 400 µm/s, 5 mm/s² and 250 mm/s³: the times follow by hand.
+
+    Jerk for 20 ms reaches 5 mm/s², which is held for 60 ms to reach 400 µm/s after 100 ms and
+    20 µm; braking is the mirror image, so that 60 µm are left for full speed: 0.15 s.
+    """
+    pace = Pace(travel_um_s=400.0, axis_um_s=500.0, acceleration_um_s2=5e3, jerk_um_s3=2.5e5)
+    timed = time_steps([travel((0, 0, 0), (60, 0, 0), (100, 0, 0))], pace)
+    assert timed.duration_s == pytest.approx(0.35)
+    at = {t: i for i, t in enumerate(np.round(np.arange(len(timed)) * pace.period_s, 6))}
+    tip, speed = timed.tip_um[:, 0, 0], timed.velocity_um_s[:, 0, 0]
+    assert speed[at[0.02]] == pytest.approx(2.5e5 * 0.02**2 / 2)
+    assert tip[at[0.02]] == pytest.approx(2.5e5 * 0.02**3 / 6)
+    assert speed[at[0.05]] == pytest.approx(50.0 + 5e3 * 0.03)
+    assert (tip[at[0.1]], speed[at[0.1]]) == (pytest.approx(20.0), pytest.approx(400.0))
+    assert (tip[at[0.25]], speed[at[0.25]]) == (pytest.approx(80.0), pytest.approx(400.0))
+    assert speed == pytest.approx(speed[::-1], abs=1e-6)
+
+
+def test_a_tip_rests_at_sharp_corners_and_only_there():
+    """At a right angle the tip stands for an instant; through a bend of 10° it runs on."""
+    bend = math.radians(10.0)
+    sharp = time_steps([travel((0, 0, 0), (30, 0, 0), (30, 30, 0))], PACE)
+    blunt = time_steps(
+        [travel((0, 0, 0), (30, 0, 0), (30 + 30 * math.cos(bend), 30 * math.sin(bend), 0))], PACE
+    )
+    corner_um = np.array([30.0, 0.0, 0.0])
+    for timed, rests in ((sharp, True), (blunt, False)):
+        nearest = int(np.argmin(np.linalg.norm(timed.tip_um[:, 0] - corner_um, axis=1)))
+        speed_um_s = np.linalg.norm(timed.velocity_um_s[nearest, 0])
+        assert (speed_um_s == 0.0) == rests
+        if rests:
+            assert timed.tip_um[nearest, 0] == pytest.approx(corner_um, abs=1e-12)
+        else:
+            assert speed_um_s > 100.0
+
+
+def test_a_finger_that_starts_later_makes_the_others_wait():
+    """Where one finger begins to move, those that move already rest, too: nothing jerks."""
+    tip = np.zeros((3, 3, 3))
+    tip[:, 0, 0] = 0.0, 20.0, 40.0
+    tip[:, 1, 1] = 30.0, 30.0, 50.0
+    timed = time_steps([make_step(StepKind.APPROACH, tip)], PACE)
+    acceleration = np.diff(timed.velocity_um_s, axis=0) / PACE.period_s
+    assert np.linalg.norm(acceleration, axis=-1).max() <= PACE.acceleration_um_s2 * (1 + 1e-6)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(st.integers(10, 200_000), st.floats(1.0, 500.0), st.floats(1e2, 1e5), st.floats(1e3, 1e7))
+def test_sampled_time_laws_are_those_of_ruckig(length_nm, speed, acceleration, jerk):
+    """A tip on a line is where ruckig itself says, if its clock is slowed to whole periods."""
+    length_um = length_nm / 1000.0
+    pace = Pace(
+        travel_um_s=speed,
+        axis_um_s=1e3,
+        acceleration_um_s2=acceleration,
+        jerk_um_s3=jerk,
+        period_s=0.01,
+    )
+    timed = time_steps([travel((0, 0, 0), (length_um, 0, 0))], pace)
+    demand = InputParameter(1)
+    demand.target_position = [length_um]
+    demand.max_velocity, demand.max_acceleration = [speed], [acceleration]
+    demand.max_jerk = [jerk]
+    profile = Profile(1)
+    Ruckig(1).calculate(demand, profile)
+    assert profile.duration <= timed.duration_s + 1e-9
+    assert timed.duration_s <= profile.duration + pace.period_s
+    times_s = np.linspace(0.0, profile.duration, len(timed))
+    expected = [profile.at_time(time_s)[0][0] for time_s in times_s]
+    assert timed.tip_um[:, 0, 0] == pytest.approx(expected, abs=1e-9 * length_um + 1e-12)
 
 
 def test_a_roll_follows_the_circle_and_turns_the_object_with_the_tips():
@@ -205,3 +315,44 @@ def test_velocity_error_names_the_slow_stage():
     timed = time_steps([travel((0, 0, 0), (0, 40, 0))], PACE)
     with pytest.raises(TravelExceeded, match=r'finger 1 y is moving at 2\d\d\.\d µm/s; .*100\.0'):
         check_travel(timed.tip_um, timed.velocity_um_s, [slow, STAGE, STAGE])
+
+
+def test_acceleration_error_names_the_weak_stage():
+    """A stage that accelerates less than the pace assumes is named; one that can, passes."""
+    timed = time_steps([travel((0, 0, 0), (0, 40, 0))], PACE)
+    weak, strong = (
+        dataclasses.replace(STAGE, max_acceleration_um_s2=most)
+        for most in (1e3, PACE.acceleration_um_s2 * (1 + 1e-6))
+    )
+    check_travel(timed.tip_um, timed.velocity_um_s, [strong] * 3, PACE.period_s)
+    with pytest.raises(
+        TravelExceeded, match=r'finger 1 y is accelerating at [45]\d{3}\.\d µm/s²; .*1000\.0 µm/s²'
+    ):
+        check_travel(timed.tip_um, timed.velocity_um_s, [weak, STAGE, STAGE], PACE.period_s)
+    # fingers 2 and 3 stand still: a weak stage of theirs does not matter
+    check_travel(timed.tip_um, timed.velocity_um_s, [strong, weak, weak], PACE.period_s)
+
+
+def test_accelerations_need_to_know_the_time_between_setpoints():
+    """A limit that could not be checked is an error, not a check that passes."""
+    timed = time_steps([travel((0, 0, 0), (0, 40, 0))], PACE)
+    limited = dataclasses.replace(STAGE, max_acceleration_um_s2=1e9)
+    with pytest.raises(InvalidParameter, match='period_s is None'):
+        check_travel(timed.tip_um, timed.velocity_um_s, [limited] * 3)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'error', 'field'),
+    [
+        ({'base_um': (0.0, math.nan, 0.0)}, InvalidNumber, 'base_um'),
+        ({'upper_um': (1.0, 2.0)}, InvalidNumber, 'upper_um'),
+        ({'lower_um': (0.0, 0.0, 100.0)}, InvalidParameter, 'lower_um'),
+        ({'max_velocity_um_s': 0.0}, InvalidParameter, 'max_velocity_um_s'),
+        ({'max_acceleration_um_s2': -1.0}, InvalidParameter, 'max_acceleration_um_s2'),
+        ({'max_acceleration_um_s2': math.nan}, InvalidParameter, 'max_acceleration_um_s2'),
+    ],
+)
+def test_limits_that_are_none_are_refused(changes, error, field):
+    """NaN, wrong shapes, an empty travel, and speeds or accelerations of zero and less."""
+    with pytest.raises(error, match=f'^{field} is '):
+        dataclasses.replace(STAGE, **changes)

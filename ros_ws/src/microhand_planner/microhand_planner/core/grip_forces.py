@@ -57,8 +57,8 @@ class GripForces:
         if contact_um.shape[1] != _PAIR:
             return self._of_three(contact_um, normal), None
         if not self.planned:
-            grip_uN = np.full(len(contact_um), self.rules.nominal_grip_uN)
-            return _along_line(contact_um, grip_uN), None
+            nominal_uN = np.full(len(contact_um), self.rules.nominal_grip_uN)
+            return _along_line(contact_um, nominal_uN), None
         grip_uN, high_uN, margin_uN = rolling_grips_uN(contact_um, normal, self.law, self.rules)
         hold = Hold(float(grip_uN.min()), 0.0, float(high_uN.min()), float(margin_uN.min()))
         return _along_line(contact_um, grip_uN), hold

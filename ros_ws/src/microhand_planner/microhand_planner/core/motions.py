@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -182,7 +183,7 @@ def _cut(
     if from_end:
         at = len(tip_um) - 1 - at
     before, share = min(int(at), len(tip_um) - 2), at - min(int(at), len(tip_um) - 2)
-    cut: dict[str, tuple[FloatArray, FloatArray]] = {}
+    cut: dict[str, tuple[Any, Any]] = {}
     for name in ('tip_um', 'object_position_um', 'object_quaternion_wxyz'):
         rows = getattr(piece, name)
         middle = rows[before] + share * (rows[before + 1] - rows[before])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,10 @@ from microhand_planner.core.errors import InvalidPlan
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.plan import Step
 from microhand_planner.core.pose import FloatArray, readonly
-from microhand_planner.core.waypoint_curve import curve_through
+from microhand_planner.core.waypoint_curve import corners, curve_through
+
+Timed = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Setpoints: tips, velocities, object positions and quaternions."""
 
 JOIN_TOLERANCE_UM = 1e-4
 """Steps whose tips differ by more than this where they meet are not one motion [µm]."""
@@ -161,8 +164,9 @@ def time_pieces(pieces: Sequence[Piece]) -> Trajectory:
     """Turn the waypoints of pieces into setpoints.
 
     Each piece runs from rest to rest, with limited jerk ([Berscheid2021]), along a C1 curve
-    through its waypoints, as fast as its pace allows: its duration is rounded up to whole periods,
-    so that every piece begins and ends on a setpoint. All fingers, and the object, move in step.
+    through its waypoints, as fast as its pace allows; at sharp corners it rests, too. The time
+    from rest to rest is rounded up to whole periods, so that every piece begins and ends on a
+    setpoint. All fingers, and the object, move in step.
 
     Parameters
     ----------
@@ -185,12 +189,8 @@ def time_pieces(pieces: Sequence[Piece]) -> Trajectory:
                 'no gap',
             )
     timed = [_time_piece(piece) for piece in pieces]
-    # the last setpoint of a piece is the first of the next one
-    kept = [piece if i == 0 else tuple(a[1:] for a in piece) for i, piece in enumerate(timed)]
-    tip, velocity, position, quaternion = (
-        np.concatenate(parts) for parts in zip(*kept, strict=True)
-    )
-    counts = np.array([len(piece[0]) for piece in kept])
+    tip, velocity, position, quaternion = _joined(timed)
+    counts = np.array([len(piece[0]) - (number > 0) for number, piece in enumerate(timed)])
     steps = np.array([piece.step for piece in pieces])
     ends = np.cumsum(counts) - 1
     return Trajectory(
@@ -204,9 +204,8 @@ def time_pieces(pieces: Sequence[Piece]) -> Trajectory:
     )
 
 
-def _time_piece(piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _time_piece(piece: Piece) -> Timed:
     """Sample one piece: tips, velocities, object positions and quaternions."""
-    pace = piece.pace
     times, orientation = _fastest_times(piece)
     # a waypoint that repeats the one before takes no time and adds nothing to the curve
     distinct = np.concatenate([[True], np.diff(times) > 0.0])
@@ -217,15 +216,44 @@ def _time_piece(piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray, Float
             piece.object_position_um[[0, -1]],
             piece.object_quaternion_wxyz[[0, -1]],
         )
-    times = times[distinct]
-    curve = curve_through(times, piece.tip_um[distinct])
-    parameter, rate = _time_law(float(times[-1]), *curve.speed_bounds(), pace)
-    tip, derivative = curve.at(parameter)
-    x, y, z, w = Slerp(times, orientation[distinct])(parameter).as_quat().T
-    position = np.stack(
-        [np.interp(parameter, times, axis) for axis in piece.object_position_um[distinct].T],
-        axis=1,
+    times, orientation = times[distinct], orientation[distinct]
+    tip_um, position_um = piece.tip_um[distinct], piece.object_position_um[distinct]
+    rests = [0, *corners(tip_um), len(times) - 1]
+    return _joined(
+        _time_stretch(
+            times[first : last + 1] - times[first],
+            tip_um[first : last + 1],
+            position_um[first : last + 1],
+            orientation[first : last + 1],
+            piece.pace,
+        )
+        for first, last in itertools.pairwise(rests)
     )
+
+
+def _joined(parts: Iterable[Timed]) -> Timed:
+    """Join what was sampled one after the other: the last setpoint is the first of the next."""
+    tip, velocity, position, quaternion = zip(*parts, strict=True)
+    return (_in_one(tip), _in_one(velocity), _in_one(position), _in_one(quaternion))
+
+
+def _in_one(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+
+
+def _time_stretch(
+    times_s: FloatArray,
+    tip_um: FloatArray,
+    position_um: FloatArray,
+    orientation: Rotation,
+    pace: Pace,
+) -> Timed:
+    """Sample a stretch without corners, as `_time_piece`."""
+    curve = curve_through(times_s, tip_um)
+    parameter, rate = _time_law(float(times_s[-1]), *curve.speed_bounds(), pace)
+    tip, derivative = curve.at(parameter)
+    x, y, z, w = Slerp(times_s, orientation)(parameter).as_quat().T
+    position = np.stack([np.interp(parameter, times_s, axis) for axis in position_um.T], axis=1)
     return tip, derivative * rate[:, None, None], position, np.stack([w, x, y, z], axis=1)
 
 
@@ -246,11 +274,29 @@ def _time_law(
     law.calculate(demand, profile)
     periods = max(1, math.ceil(profile.duration / pace.period_s - _SAME_PERIOD))
     slower = profile.duration / (periods * pace.period_s)
-    states = [profile.at_time(i / periods * profile.duration) for i in range(periods + 1)]
-    parameter = np.array([position for (position,), _, _ in states])
-    rate = np.array([velocity for _, (velocity,), _ in states]) * slower
+    parameter, rate = _sampled(profile, np.linspace(0.0, profile.duration, periods + 1))
+    rate *= slower
     parameter[[0, -1]], rate[[0, -1]] = (0.0, length_s), 0.0
     return np.clip(parameter, 0.0, length_s), rate
+
+
+def _sampled(profile: Profile, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return position and velocity of a profile of one axis that begins at rest.
+
+    Its seven phases have constant jerk. All setpoints at once: a call for each of them is what
+    most of the time would go into.
+    """
+    ((phases,),) = profile.profiles
+    begins_s = np.concatenate([[0.0], np.cumsum(phases.t)[:-1]])
+    phase = np.searchsorted(begins_s, time_s, side='right') - 1
+    jerk, acceleration, velocity, position = (
+        np.array(values)[phase] for values in (phases.j, phases.a, phases.v, phases.p)
+    )
+    t = time_s - begins_s[phase]
+    return (
+        position + t * (velocity + t * (acceleration / 2.0 + t * jerk / 6.0)),
+        velocity + t * (acceleration + t * jerk / 2.0),
+    )
 
 
 def _fastest_times(piece: Piece) -> tuple[FloatArray, Rotation]:

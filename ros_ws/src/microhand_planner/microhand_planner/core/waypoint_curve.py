@@ -12,6 +12,8 @@ from microhand_planner.core.pose import FloatArray, readonly
 CORNER_RAD = np.radians(15.0)
 """A path that turns by more than this has a corner: the tip stops there, and cuts nothing."""
 
+_SMOOTH = 2.0 * np.cos(CORNER_RAD / 2.0)  # |u + v| of unit vectors is 2 cos(turn / 2)
+
 
 @dataclass(frozen=True)
 class WaypointCurve:
@@ -63,6 +65,33 @@ class WaypointCurve:
         return float(lengths.max()), float(np.abs(coefficients).max())
 
 
+def corners(points: FloatArray) -> list[int]:
+    """Return the waypoints at which a point turns sharply, starts, or stops.
+
+    A curve through them is C1 there only because its slope is zero: whoever follows it at a rate
+    above zero brakes and starts again within one chord.
+
+    Parameters
+    ----------
+    points : (n, k, 3) float
+        The k points at the waypoints; between two waypoints at least one of them moves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> corners(np.array([[[0.0, 0, 0]], [[1.0, 0, 0]], [[2.0, 0, 0]], [[2.0, 1, 0]]]))
+    [2]
+    """
+    chord = np.diff(points, axis=0)
+    length = np.linalg.norm(chord, axis=-1)
+    moves = length > 0.0
+    direction = chord / np.where(moves, length, 1.0)[..., None]
+    bisector = np.linalg.norm(direction[:-1] + direction[1:], axis=-1)
+    sharp = moves[:-1] & moves[1:] & (bisector <= _SMOOTH)
+    at = np.any(sharp | (moves[:-1] != moves[1:]), axis=1)
+    return [int(before) + 1 for before in np.flatnonzero(at)]
+
+
 def curve_through(knots: FloatArray, points: FloatArray) -> WaypointCurve:
     """Lay a C1 curve through waypoints that neither overshoots nor cuts corners.
 
@@ -96,8 +125,7 @@ def curve_through(knots: FloatArray, points: FloatArray) -> WaypointCurve:
     direction = secant / np.where(speed > 0.0, speed, 1.0)[..., None]
     bisector = direction[:-1] + direction[1:]
     length = np.linalg.norm(bisector, axis=-1)
-    # |u + v| = 2 cos(turn / 2) for unit vectors
-    smooth = moving & (length > 2.0 * np.cos(CORNER_RAD / 2.0))
+    smooth = moving & (length > _SMOOTH)
     weight_before, weight_after = 2.0 * width[1:] + width[:-1], width[1:] + 2.0 * width[:-1]
     with np.errstate(divide='ignore', invalid='ignore'):
         mean = (weight_before + weight_after) / (weight_before / before + weight_after / after)

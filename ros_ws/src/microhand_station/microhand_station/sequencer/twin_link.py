@@ -13,11 +13,13 @@ from microhand_planner.core.errors import RunFailed
 from microhand_planner.ros.conversions import pose_from_msg
 from microhand_station.sequencer.object_watch import TWIN_MISSING, ObjectReport
 from microhand_station.sequencer.stage_link import NS_PER_S
-from microhand_station.service_call import call, greet
+from microhand_station.service_call import POLL_S, call, greet
 from stage_driver_sim.qos import STATE
 
 LOAD_S = 60.0
-"""Longest wait for a world to be built [s]: a concave object is taken apart first."""
+"""Longest wait for a world to be built [s]."""
+REPORT_S = 2.0
+"""Longest wait for the first report of a world [s]."""
 
 
 class TwinLink:
@@ -32,7 +34,8 @@ class TwinLink:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.report: ObjectReport | None = None
-        """The last state of the object that arrived."""
+        """The last state of the object that arrived, since it was loaded."""
+        self._loaded_ns = 0
         node.create_subscription(ObjectState, 'object_state', self._receive, STATE)
         self._release = node.create_client(Command, 'twin/release')
         self._load = node.create_client(LoadObject, 'twin/load')
@@ -61,9 +64,16 @@ class TwinLink:
         answer = call(
             self._load, request, deadline_s=LOAD_S, who='the twin', missing_code=TWIN_MISSING
         )
-        self.report = None
         if answer.error_code:
             raise RunFailed(f'twin: {answer.error_msg}', answer.error_code)
+        # what the twin said about the object before this one may still be under way
+        self._loaded_ns = self._node.get_clock().now().nanoseconds
+        self.report = None
+        give_up_s = time.monotonic() + REPORT_S
+        while self.report is None:
+            if time.monotonic() > give_up_s:
+                raise RunFailed(f'the twin says nothing for {REPORT_S:g} s', TWIN_MISSING)
+            time.sleep(POLL_S)
 
     def release(self, deadline_s: float) -> None:
         """Have the object let go: the fingers have closed their grasp.
@@ -85,10 +95,12 @@ class TwinLink:
 
     def _receive(self, state: ObjectState) -> None:
         """Keep a report."""
-        stamp = state.header.stamp
+        stamp_ns = state.header.stamp.sec * NS_PER_S + state.header.stamp.nanosec
+        if stamp_ns < self._loaded_ns:
+            return
         self.report = ObjectReport(
             arrived_s=time.monotonic(),
-            stamp_ns=stamp.sec * NS_PER_S + stamp.nanosec,
+            stamp_ns=stamp_ns,
             pose=pose_from_msg(state.pose),
             held=state.held,
             released=state.released,

@@ -61,7 +61,7 @@ class Follower:
         """End the thread, and return when it is gone."""
         with self._changed:
             self._stopping = True
-            self._changed.notify()
+            self._changed.notify_all()
         self._thread.join()
 
     def hear(self, finger: int, time_s: float, tip_um: FloatArray) -> None:
@@ -70,17 +70,18 @@ class Follower:
             self._tracks.add(finger - 1, time_s, tip_um)
             until_s = self._tracks.until_s
             if until_s is not None and until_s > self._now_s:
-                self._changed.notify()
+                self._changed.notify_all()
 
-    def check_heard(self) -> None:
-        """Return if all stages have reported.
+    def wait_until_heard(self, deadline_s: float) -> None:
+        """Return when all stages have reported.
 
         Raises
         ------
         RunFailed
-            STAGE_MISSING: names the fingers that have not.
+            STAGE_MISSING: names the fingers that have not within `deadline_s`.
         """
         with self._changed:
+            self._changed.wait_for(lambda: not self._tracks.silent, deadline_s)
             silent = self._tracks.silent
         if silent:
             fingers = ', '.join(map(str, silent))
@@ -119,7 +120,7 @@ class Follower:
     def _order(self, act: Callable[[], None]) -> None:
         with self._changed:
             self._orders.append(act)
-            self._changed.notify()
+            self._changed.notify_all()
 
     def _run(self) -> None:
         try:

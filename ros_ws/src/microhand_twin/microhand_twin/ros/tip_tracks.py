@@ -10,8 +10,10 @@ import numpy as np
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.pose import FloatArray
 
-STANDSTILL_S = 0.2
-"""A finger that is silent for longer than the others is taken to stand still [s]."""
+STANDSTILL_S = 1.0
+"""A finger that is silent for so much longer than the others is taken to stand still [s].
+
+By then the sequencer has noticed the silence, and named it before its consequences."""
 
 
 class TipTracks:

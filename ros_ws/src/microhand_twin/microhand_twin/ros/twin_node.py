@@ -46,6 +46,8 @@ from stage_driver_sim.run_node import run_node
 NS_PER_S = 1_000_000_000
 CONTACT_PERIOD_S = 0.05
 """Contacts are reported at every change, and no less often than this [s]."""
+HEARD_S = 2.0
+"""Longest wait for the first states of the stages [s]."""
 TF_MESSAGES = 'tf2_msgs'
 """Has no wheel: only where ROS comes by apt transforms can be published."""
 
@@ -114,7 +116,7 @@ class TwinNode(Node):
     def _load(self, request: LoadObject.Request) -> None:
         """Put the object of a plan where the plan begins, unless it is held there already."""
         plan = plan_from_msg(request.plan)
-        self._follower.check_heard()
+        self._follower.wait_until_heard(HEARD_S)
         begins_held = bool(plan.steps) and any(plan.steps[0].in_contact)
         if begins_held and self._follower.ask(partial(_holds, plan)):
             return

@@ -117,6 +117,98 @@ def removal_window_lp(stay_um, stay_normal, leave_um, leave_normal, law):
     return tuple(window)
 
 
+def least_energy_answer(contact_um, load):
+    """Return the forces (k, 2) that balance a planar load (f_x, f_y, moment) with least energy.
+
+    Of all forces in balance, equal springs make those whose sum of squares is least (the theorem
+    of least complementary energy).
+    """
+    contact_um = np.asarray(contact_um, dtype=float)
+    k = len(contact_um)
+    rows = np.zeros((3, 2 * k))
+    rows[0, 0::2] = rows[1, 1::2] = 1.0
+    rows[2, 0::2], rows[2, 1::2] = -contact_um[:, 1], contact_um[:, 0]
+    # moments about the middle of the contacts, so that all rows are of one size
+    middle = contact_um.mean(axis=0)
+    size = np.max(np.abs(contact_um - middle))
+    shift = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [middle[1], -middle[0], 1.0]])
+    scale = np.array([1.0, 1.0, 1.0 / size])
+    rows, load = scale[:, None] * (shift @ rows), scale * (shift @ load)
+    return np.linalg.lstsq(rows, -load, rcond=None)[0].reshape(k, 2)
+
+
+def preload_program(stay_um, stay_normal, leave_um, leave_normal, law, friction):
+    """Return a function that optimises over the grips before and while a finger pulls.
+
+    Unknown are the four force components before the pull, which are in balance, and the margin
+    m that they, and they with the answer of the springs, keep to slipping, detaching and
+    overload. The function takes the weights of grip and margin and the bounds of the margin, and
+    returns the answer of HiGHS.
+    """
+    stay_um, stay_normal = np.asarray(stay_um), np.asarray(stay_normal)
+    line = stay_um[1] - stay_um[0]
+    line = line / np.linalg.norm(line)
+    tangent = np.stack([-stay_normal[:, 1], stay_normal[:, 0]], axis=-1)
+    grip = 0.5 * np.array(
+        [-stay_normal[0] @ line, tangent[0] @ line, stay_normal[1] @ line, -tangent[1] @ line]
+    )
+    pull = law.pull_off_uN * np.asarray(leave_normal)
+    answer = least_energy_answer(stay_um, [*pull, planar_cross(np.asarray(leave_um), pull)])
+    rows, limits = [], []
+    for finger, share in itertools.product(range(2), (0.0, 1.0)):
+        normal_uN = -share * answer[finger] @ stay_normal[finger]
+        tangent_uN = share * answer[finger] @ tangent[finger]
+        n, t = 2 * finger, 2 * finger + 1
+        for sign in (1.0, -1.0):
+            row = np.zeros(5)
+            row[[n, t, 4]] = -friction, sign, 1.0
+            rows.append(row)
+            limits.append(friction * (normal_uN + law.pull_off_uN) - sign * tangent_uN)
+        for slope, room in (
+            (-1.0, normal_uN + law.pull_off_uN),
+            (friction, friction * (law.max_force_uN - normal_uN)),
+        ):
+            row = np.zeros(5)
+            row[[n, 4]] = slope, 1.0
+            rows.append(row)
+            limits.append(room)
+    balance = np.column_stack([grasp_rows(stay_um, stay_normal), np.zeros(3)])
+    scale = np.array([1.0, 1.0, 1.0 / np.max(np.abs(stay_um))])
+
+    def solved(grip_weight, margin_weight, margin_bounds):
+        return linprog(
+            [*(grip_weight * grip), margin_weight],
+            A_ub=np.array(rows),
+            b_ub=limits,
+            A_eq=scale[:, None] * balance,
+            b_eq=np.zeros(3),
+            bounds=[(None, None)] * 4 + [margin_bounds],
+            method='highs',
+        )
+
+    return solved
+
+
+def preload_window_lp(*removal, margin_uN):
+    """Return the least and the largest grip that keep a margin, or None; see `preload_program`."""
+    program = preload_program(*removal)
+    window = []
+    for sign in (1.0, -1.0):
+        answer = program(sign, 0.0, (margin_uN, margin_uN))
+        if answer.status == 2:
+            return None
+        assert answer.status == 0, answer.message
+        window.append(sign * answer.fun)
+    return tuple(window)
+
+
+def best_margin_lp(*removal):
+    """Return the largest margin that any grip keeps; see `preload_program`."""
+    answer = preload_program(*removal)(0.0, -1.0, (None, None))
+    assert answer.status == 0, answer.message
+    return -answer.fun
+
+
 def presses_lp(contact_um, normal, friction):
     """Return the largest share t, such that forces that sum up to 1 balance with all f_n >= t."""
     fingers = len(contact_um)

@@ -79,7 +79,7 @@ def rolling_grips_uN(
     -------
     grip_uN, high_uN, margin_uN : (n,) float
         The nominal grip or, where that is less, the largest that rolling allows; that largest;
-        and the margin to slipping with the friction of removals.
+        and the distance to slipping, detaching and overload with the friction of removals.
     """
     # where nothing sticks, the search has chosen contacts that hold with the friction of removals
     share = rules.roll_factor if law.stick_uN > 0.0 else rules.margin_factor
@@ -93,10 +93,12 @@ def rolling_grips_uN(
     line = contact_um[:, 1] - contact_um[:, 0]
     line /= np.linalg.norm(line, axis=1, keepdims=True)
     direction = np.stack([line, -line], axis=1)
-    press = -np.einsum('nci,nci->nc', direction, normal)
-    slide = np.abs(direction[..., 0] * normal[..., 1] - direction[..., 1] * normal[..., 0])
+    press_uN = -grip_uN[:, None] * np.einsum('nci,nci->nc', direction, normal)
+    cross = direction[..., 0] * normal[..., 1] - direction[..., 1] * normal[..., 0]
+    slide_uN = grip_uN[:, None] * np.abs(cross)
     friction = rules.margin_factor * law.friction
-    margin_uN = (
-        friction * (grip_uN[:, None] * press + law.stick_uN) - grip_uN[:, None] * slide
+    margin_uN = np.minimum(
+        np.minimum(friction * (press_uN + law.stick_uN) - slide_uN, press_uN + law.stick_uN),
+        friction * (law.max_force_uN - press_uN),
     ).min(axis=1)
     return grip_uN, high_uN, margin_uN

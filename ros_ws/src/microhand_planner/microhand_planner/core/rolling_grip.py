@@ -39,8 +39,8 @@ def largest_grip_uN(
     >>> import numpy as np
     >>> s, c = np.sin(np.radians(28.0)), np.cos(np.radians(28.0))
     >>> contacts, normals = np.array([[8.0, 0.0], [-8.0, 0.0]]), np.array([[c, s], [-c, s]])
-    >>> round(largest_grip_uN(contacts, normals, 0.3, 1.5, 30.0), 3)
-    2.199
+    >>> round(largest_grip_uN(contacts, normals, 0.3, 1.5, 30.0), 4)
+    2.1996
     """
     dx = contact_um[1, 0] - contact_um[0, 0]
     dy = contact_um[1, 1] - contact_um[0, 1]

@@ -253,7 +253,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--count', type=int, default=100, help='orientations per object')
     parser.add_argument('--seed', type=int, default=2026)
-    parser.add_argument('--stiffness', type=float, default=100.0, help='of the fingers, N/m')
+    parser.add_argument('--stiffness', type=float, default=20.0, help='of the fingers, N/m')
     parser.add_argument('--object', action='append', choices=OBJECTS, help='only this one')
     parser.add_argument('--processes', type=int, default=2)
     parser.add_argument('--dry', action='store_true', help='print, and write no results')

@@ -10,7 +10,7 @@ FORCE_RGBA = (0.78, 0.10, 0.18, 1.0)
 VISUAL_XML = """
   <visual>
     <global azimuth="140" elevation="-28" fovy="30" offwidth="960" offheight="720"/>
-    <headlight ambient="0.35 0.35 0.35" diffuse="0.35 0.35 0.35" specular="0.1 0.1 0.1"/>
+    <headlight ambient="0.32 0.32 0.32" diffuse="0.18 0.18 0.18" specular="0.1 0.1 0.1"/>
     <quality shadowsize="2048" offsamples="4" numslices="64" numstacks="48"/>
     <map shadowclip="2" shadowscale="0.8"/>
   </visual>
@@ -26,7 +26,7 @@ VISUAL_XML = """
   </asset>""".format(*TIP_RGBA)
 
 LIGHTS_XML = """
-  <light pos="40 -60 90" dir="-0.35 0.52 -0.78" directional="true" diffuse="0.55 0.55 0.52"
-         specular="0.3 0.3 0.3" castshadow="true"/>
+  <light pos="40 -60 90" dir="-0.35 0.52 -0.78" directional="true" diffuse="0.48 0.47 0.45"
+         specular="0.2 0.2 0.2" castshadow="true"/>
   <light pos="-60 40 20" dir="0.8 -0.55 -0.25" directional="true" diffuse="0.22 0.24 0.28"
          specular="0 0 0" castshadow="false"/>"""

@@ -26,7 +26,7 @@ class TrueStation:
     """
 
     law: ContactLaw = field(default_factory=ContactLaw)
-    stiffness_uN_per_um: tuple[float, float, float] = (100.0, 100.0, 100.0)
+    stiffness_uN_per_um: tuple[float, float, float] = (20.0, 20.0, 20.0)
     placement_um: float = 0.0
 
     def __post_init__(self) -> None:

@@ -69,7 +69,7 @@ KEYS = (
 @click.option(
     '--stiffness',
     type=float,
-    default=100.0,
+    default=20.0,
     show_default=True,
     help='Of the fingers, N/m (which is µN/µm).',
 )

@@ -218,6 +218,19 @@ def test_damaged_bytes_never_crash_and_leave_a_good_file(tmp_path):
         out.unlink()
 
 
+def test_one_flipped_byte_costs_two_messages_at_most(tmp_path):
+    """Damage in the length of a record, too, costs that record and its neighbour, not the rest."""
+    path, bad, out = (tmp_path / name for name in ('run.mcap', 'bad.mcap', 'out.mcap'))
+    ends = write_run(path, 6)
+    data = path.read_bytes()
+    for place in range(ends[0], ends[4]):
+        damaged = bytearray(data)
+        damaged[place] ^= 0x41
+        bad.write_bytes(damaged)
+        assert 4 <= recover(bad, out) <= 6, f'byte {place}'
+        out.unlink()
+
+
 def test_a_damaged_chunk_costs_its_own_messages_only(tmp_path):
     """Of a chunked file with one broken chunk, the messages of all other chunks come back."""
     path, out = tmp_path / 'chunked.mcap', tmp_path / 'out.mcap'

@@ -3,16 +3,19 @@
 
 The readers of the mcap library need the end of the file, which a crash never wrote, and take a
 message cut short at the end for a whole one. This scan goes from the start, record by record, and
-believes a record only when all its bytes are there.
+believes a record only when all its bytes are there and another record, or the end, follows it.
+Where that is not so it looks for the next place from which the file makes sense again: a damaged
+length costs the records that it hides, not the rest of the run.
 """
 
 from __future__ import annotations
 
+import mmap
+import re
 import struct
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -24,6 +27,9 @@ from microhand_planner.core.errors import BadRequest
 
 MAGIC = b'\x89MCAP0\r\n'
 _FRAME = struct.Struct('<BQ')
+_LAST_OPCODE = int(Opcode.DATA_END)
+# Where a record may begin: a known opcode, and a length below 4 GiB.
+_LOOKS_LIKE_A_FRAME = re.compile(rb'[\x01-\x0f](?=.{4}\x00{4})', re.DOTALL)
 _PARSERS: dict[int, Callable[[bytes], McapRecord]] = {
     Opcode.HEADER: lambda body: Header.read(ReadDataStream(BytesIO(body))),
     Opcode.SCHEMA: lambda body: SchemaRecord.read(ReadDataStream(BytesIO(body))),
@@ -41,7 +47,7 @@ def scan_records(
 ) -> Iterator[McapRecord]:
     """Yield the records of an mcap file in file order: header, schemas, channels, messages, ...
 
-    Chunks are opened. Stops where the file is cut; passes over records whose content is damaged;
+    Chunks are opened. Stops where the file is cut; passes over records that are damaged;
     a `Footer` is the last record of a finished file.
 
     Parameters
@@ -57,7 +63,6 @@ def scan_records(
         The file cannot be opened, is empty, or is no mcap file.
     """
     try:
-        total = path.stat().st_size
         stream = path.open('rb')
     except OSError as error:
         raise BadRequest('record', path, f'a file that can be read ({error.strerror})') from error
@@ -66,21 +71,61 @@ def scan_records(
         if magic != MAGIC:
             what = 'this one is empty' if not magic else 'this one starts otherwise'
             raise BadRequest('record', path, f'an mcap file; {what}')
-        for opcode, body in _frames(stream, total):
-            yield from _parse(opcode, body)
-            progress(stream.tell(), total)
-            if opcode == Opcode.FOOTER:
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            total = len(data)
+            for opcode, body, end in _frames(data):
+                yield from _parse(opcode, body)
+                progress(end, total)
+                if opcode == Opcode.FOOTER:
+                    return
+
+
+def _frames(data: mmap.mmap) -> Iterator[tuple[int, bytes, int]]:
+    """Opcode, content and end of each record that lies whole in the file."""
+    at = len(MAGIC)
+    while at + _FRAME.size <= len(data):
+        end = _end_of_frame(data, at)
+        if end is None or not _goes_on(data, end):
+            following = _next_frame(data, at + 1)
+            if following is not None:
+                at = following
+                continue
+            if end is None:
                 return
+            # nothing later makes sense: this is the last whole record before the cut
+        yield data[at], data[at + _FRAME.size : end], end
+        at = end
 
 
-def _frames(stream: BinaryIO, total: int) -> Iterator[tuple[int, bytes]]:
-    """Opcode and content of each record that lies whole in the file."""
-    while len(frame := stream.read(_FRAME.size)) == _FRAME.size:
-        opcode, length = _FRAME.unpack(frame)
-        # No record has opcode 0: a tail of zeros is what a power cut leaves.
-        if opcode == 0 or length > total - stream.tell():
-            return
-        yield opcode, stream.read(length)
+def _end_of_frame(data: mmap.mmap, at: int) -> int | None:
+    """Return where the record that begins at `at` ends; None: none that lies in the file."""
+    if at + _FRAME.size > len(data):
+        return None
+    opcode, length = _FRAME.unpack_from(data, at)
+    # No record has opcode 0: a tail of zeros is what a power cut leaves.
+    if not 0 < opcode <= _LAST_OPCODE or length > len(data) - at - _FRAME.size:
+        return None
+    return at + _FRAME.size + int(length)
+
+
+def _goes_on(data: mmap.mmap, at: int) -> bool:
+    """Return whether at `at` the file ends, is cut in the next record, or has a whole one."""
+    if len(data) - at < _FRAME.size or data[at : at + len(MAGIC)] == MAGIC:
+        return True
+    opcode, length = _FRAME.unpack_from(data, at)
+    return 0 < opcode <= _LAST_OPCODE and length < 1 << 32
+
+
+def _next_frame(data: mmap.mmap, start: int) -> int | None:
+    """Return where from `start` on two records in a row lie whole in the file; None: nowhere."""
+    for found in _LOOKS_LIKE_A_FRAME.finditer(data, start):
+        end = _end_of_frame(data, found.start())
+        if end is None:
+            continue
+        after = _end_of_frame(data, end)
+        if after is not None and _goes_on(data, after):
+            return found.start()
+    return None
 
 
 def _parse(opcode: int, body: bytes) -> list[McapRecord]:

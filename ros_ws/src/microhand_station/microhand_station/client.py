@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -24,12 +24,13 @@ from rclpy.task import Future
 from microhand_planner.core.errors import MicrohandError, RunFailed
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
 from microhand_planner.core.plan import Plan
-from microhand_planner.core.pose import Pose
+from microhand_planner.core.pose import FloatArray, Pose
 from microhand_planner.ros.conversions import (
     UM_PER_M,
     options_to_msg,
     plan_from_msg,
     plan_to_msg,
+    point_from_um,
     pose_to_msg,
 )
 from microhand_station.sequencer.progress import Progress
@@ -114,6 +115,10 @@ class StationClient:
         Of the station.
     domain_id : int or None
         ROS domain; None: that of the environment.
+    name : str
+        Of its node.
+    arguments : sequence of str, optional
+        Command line with ROS arguments: names and parameters of the node.
 
     Examples
     --------
@@ -124,16 +129,22 @@ class StationClient:
             station.execute(answer.plan, on_progress=lambda p: print(p.step, p.steps))
     """
 
-    def __init__(self, namespace: str = '', domain_id: int | None = None) -> None:
+    def __init__(
+        self,
+        namespace: str = '',
+        domain_id: int | None = None,
+        *,
+        name: str = 'microhand_client',
+        arguments: Sequence[str] = (),
+    ) -> None:
         self._context = Context()
         rclpy.init(
+            args=list(arguments),
             context=self._context,
             domain_id=domain_id,
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self.node = rclpy.create_node(
-            'microhand_client', namespace=namespace, context=self._context
-        )
+        self.node = rclpy.create_node(name, namespace=namespace, context=self._context)
         """For what else is to be asked of the station; spun by the client."""
         self._plan = self.node.create_client(PlanRotation, 'planner/plan_rotation')
         self._execute = ActionClient(self.node, ExecutePlan, 'sequencer/execute_plan')
@@ -198,6 +209,7 @@ class StationClient:
         law: ContactLaw | None = None,
         options: SearchOptions | None = None,
         rules: GripRules | None = None,
+        start_tip_um: FloatArray | None = None,
     ) -> PlanAnswer:
         """Have a reorientation planned; nothing moves.
 
@@ -211,6 +223,8 @@ class StationClient:
             Length of one unit of the mesh [µm]; 0: the catalogue's, or 1 µm.
         finger, law, options, rules
             Default: those of the classes.
+        start_tip_um : (3, 3) float, optional
+            Tip centres of fingers that hold the object now, station frame [µm]; NaN: free.
 
         Raises
         ------
@@ -226,6 +240,7 @@ class StationClient:
             options=options_to_msg(
                 finger or Finger(), law or ContactLaw(), options, rules or GripRules()
             ),
+            start_tips=[] if start_tip_um is None else [point_from_um(t) for t in start_tip_um],
         )
         self._meet('planner', ANSWER_S)
         future = self._plan.call_async(request)
@@ -346,6 +361,8 @@ class StationClient:
         answered = threading.Event()
         future.add_done_callback(lambda _: answered.set())
         while not answered.wait(SPIN_S):
+            if self._closing.is_set():
+                raise RunFailed(f'the connection was closed before the {who} answered')
             if not is_there():
                 raise RunFailed(f'the {who} ended before it answered')
         return future.result()

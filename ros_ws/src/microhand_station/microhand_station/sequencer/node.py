@@ -14,7 +14,7 @@ from typing import Any
 
 import rclpy
 from microhand_msgs_py.action import ExecutePlan, Reorient
-from microhand_msgs_py.msg import ErrorCode, ObjectDeviation, RunEvent, SequencerState
+from microhand_msgs_py.msg import ErrorCode, ObjectDeviation, Plan, RunEvent, SequencerState
 from microhand_msgs_py.srv import Command, PlanRotation
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse
@@ -55,9 +55,9 @@ class SequencerNode(Node):
     """Executes plans, one at a time; the states are drawn in `sequencer.states.State`.
 
     Actions ``~/execute_plan`` and ``~/reorient``; services ``~/pause``, ``~/resume``,
-    ``~/emergency_stop``, ``~/reset``; topics ``~/state``, ``~/object_deviation`` and ``events``.
-    The parameter `config` is the path of the station file; the defaults are those of
-    `StationConfig`.
+    ``~/emergency_stop``, ``~/reset``; topics ``~/state``, ``~/object_deviation``, ``events`` and
+    ``plan``, that of the present run or of the last one. The parameter `config` is the path of the
+    station file; the defaults are those of `StationConfig`.
     """
 
     def __init__(self, **node_options: Any) -> None:
@@ -71,6 +71,7 @@ class SequencerNode(Node):
         self._progress = Progress()
         self._plan_hash = ''
         self._state = self.create_publisher(SequencerState, '~/state', LATCHED)
+        self._plan = self.create_publisher(Plan, 'plan', LATCHED)
         self._events = self.create_publisher(RunEvent, 'events', EVENTS)
         self._deviation = self.create_publisher(ObjectDeviation, '~/object_deviation', STATE)
         self._control = RunControl(self._publish_state)
@@ -202,6 +203,7 @@ class SequencerNode(Node):
     ) -> Outcome:
         """Execute a plan in the present thread."""
         self._plan_hash = order.plan.plan_hash
+        self._plan.publish(order.plan)
 
         def tell(progress: Progress) -> None:
             self._progress = progress

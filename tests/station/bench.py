@@ -135,6 +135,13 @@ class Bench:
         for finger in (1, 2, 3):
             self.activate(finger)
 
+    def make_ready(self):
+        """Wait until the sequencer is idle, clear faults, and forget what was seen."""
+        self.watcher.wait_state(SequencerState.IDLE)
+        if any(state.mode == StageState.FAULT for state in self.watcher.stages.values()):
+            self.client.command('reset')  # one test that failed must not make the others fail
+        self.watcher.clear()
+
     def _spin(self):
         while not self.stopping.is_set():
             self.executor.spin_once(timeout_sec=0.05)

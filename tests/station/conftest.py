@@ -6,14 +6,12 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from microhand_msgs_py.msg import SequencerState, StageState
 from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
 from microhand_planner.core.part import load_part
 from microhand_planner.core.plan import Plan, RotationReport, Step, StepKind
 from microhand_planner.core.pose import Pose
-from tests.station.bench import Bench, run
 
 SPHERE_UM = 12.0
 TIP_UM = 4.5
@@ -118,6 +116,9 @@ def sphere_plan(sphere_mesh):
 @pytest.fixture(scope='module')
 def started(ros_domain, tmp_path_factory, sphere_mesh):
     """Start the bench once for all tests of this file."""
+    # not at the top: messages read the environment, which tests/conftest.py sets, when imported
+    from tests.station.bench import Bench
+
     bench = Bench(tmp_path_factory.mktemp('bench'), sphere_mesh)
     yield bench
     bench.close()
@@ -126,14 +127,13 @@ def started(ros_domain, tmp_path_factory, sphere_mesh):
 @pytest.fixture
 def bench(started):
     """Return the bench, idle, without faults, and with nothing remembered."""
-    started.watcher.wait_state(SequencerState.IDLE)
-    if any(state.mode == StageState.FAULT for state in started.watcher.stages.values()):
-        started.client.command('reset')  # one test that failed must not make the others fail
-    started.watcher.clear()
+    started.make_ready()
     return started
 
 
 @pytest.fixture(scope='module')
 def first_run(started, sphere_plan):
     """Return all that can be seen of a run that goes well."""
+    from tests.station.bench import run
+
     return run(started, sphere_plan(20.0))

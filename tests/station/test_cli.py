@@ -24,6 +24,7 @@ PLAN_KEYS = {
     'goal_error_deg',
     'planning_time_s',
     'plan_hash',
+    'tightest',
 }
 PROBLEM = {
     'ellipse_um': [16.22, 11.586],
@@ -69,7 +70,7 @@ def test_plan_gives_every_key_and_reaches_the_goal(run, tmp_path):
     assert result['status'] == 'ok'
     assert result['error'] is None
     assert result['goal_error_deg'] < 1e-6
-    keys = {'axis', 'angle_deg', 'cost_deg', 'reconfigurations', 'expanded', 'time_s'}
+    keys = {'axis', 'angle_deg', 'cost_deg', 'reconfigurations', 'expanded', 'waiting', 'time_s'}
     assert all(rotation.keys() == keys for rotation in result['rotations'])
     assert sum(rotation['cost_deg'] for rotation in result['rotations']) == result['cost_deg']
     plan = read_plan(out)

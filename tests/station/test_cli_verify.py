@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import imageio_ffmpeg
+import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -128,7 +129,7 @@ def test_an_edited_plan_is_refused(run, plan_file):
 def test_a_plan_that_contradicts_itself_is_refused(run, plan, plan_file):
     """Edited with its hash, a plan whose steps do not join is refused by the step."""
     last = plan.steps[-1]
-    moved = replace(last, tip_um=last.tip_um + [1.0, 0.0, 0.0])
+    moved = replace(last, tip_um=np.add(last.tip_um, (1.0, 0.0, 0.0)))
     write_plan(replace(plan, steps=(*plan.steps[:-1], moved)), plan_file)
     status, _, err = run(plan_file)
     assert status == 2

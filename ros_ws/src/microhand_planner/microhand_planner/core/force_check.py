@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
@@ -18,6 +20,7 @@ _AXES = {'z': (0.0, 0.0, 1.0), 'y': (0.0, 1.0, 0.0)}
 _PRESS_SHARE = 1e-3  # of the largest force: without adhesion, fingers that hold press at least so
 _SAME_UN = 5e-3
 """Forces that differ by less are the same: what the facets of a mesh may cost [µN]."""
+_PAIR = 2
 _ARM_UM = 10.0  # torques are compared as forces at this arm
 
 
@@ -31,7 +34,8 @@ def check_forces(plan: Plan) -> None:
 
     In robust mode the forces that the plan states count instead: they are continuous, in balance,
     and inside the friction cones with the margins of the plan's rules; at a removal also together
-    with the response of the springs that stay to the pull. Without adhesion they must press.
+    with the response of the springs that stay to the pull. Without adhesion they must press. The
+    grip and the margin that a step states are those of its forces.
 
     Parameters
     ----------
@@ -49,6 +53,7 @@ def check_forces(plan: Plan) -> None:
         if planned:
             _check_continuous(plan, number, step)
             _check_stated(plan, number, step)
+            _check_hold(plan, number, step)
         if sum(step.in_contact) < 2:
             continue
         if not sticks:
@@ -102,9 +107,11 @@ def _check_release(plan: Plan, number: int, step: Step) -> None:
     contact_um, normal = _contacts(plan, step, 0, touching)
     pull = wrench_of(plan.law.pull_off_uN * outward, left_um)
     response_uN = spring_response_uN(contact_um, _plane_normal(plan, step, 0), pull)
+    least_uN = math.inf
     for share in (0.0, 1.0):
         force_uN = step.force_uN[0, touching] + share * response_uN
         margin_uN = _margin_uN(plan, plan.rules.margin_factor, normal, force_uN)
+        least_uN = min(least_uN, margin_uN)
         if margin_uN < plan.rules.least_margin_uN - _SAME_UN:
             raise InvalidStep(
                 number,
@@ -114,6 +121,42 @@ def _check_release(plan: Plan, number: int, step: Step) -> None:
                 f'{margin_uN:.4f} µN',
                 f'at least {plan.rules.least_margin_uN:g} µN',
             )
+    _check_claimed(number, step, least_uN)
+
+
+def _check_hold(plan: Plan, number: int, step: Step) -> None:
+    """Check that the grip that a step of two fingers states is that of its forces."""
+    touching = np.array(step.in_contact)
+    if step.hold is None or np.count_nonzero(touching) != _PAIR:
+        return
+    grips_uN, margins_uN = [], []
+    for waypoint in range(len(step)):
+        contact_um, normal = _contacts(plan, step, waypoint, touching)
+        force_uN = step.force_uN[waypoint, touching]
+        line = contact_um[1] - contact_um[0]
+        grips_uN.append(float(force_uN[0] @ line / np.linalg.norm(line)))
+        margins_uN.append(_margin_uN(plan, plan.rules.margin_factor, normal, force_uN))
+    if abs(step.hold.grip_uN - min(grips_uN)) > _SAME_UN:
+        raise InvalidStep(
+            number,
+            step.kind,
+            'hold: grip_uN',
+            f'{step.hold.grip_uN:.4f} µN',
+            f'{min(grips_uN):.4f} µN, as in its forces',
+        )
+    _check_claimed(number, step, min(margins_uN))
+
+
+def _check_claimed(number: int, step: Step, margin_uN: float) -> None:
+    """Check that a step does not state more margin than it has."""
+    if step.hold is not None and step.hold.margin_uN > margin_uN + _SAME_UN:
+        raise InvalidStep(
+            number,
+            step.kind,
+            'hold: margin_uN',
+            f'{step.hold.margin_uN:.4f} µN',
+            f'up to {margin_uN:.4f} µN, as in its forces',
+        )
 
 
 def _margin_uN(plan: Plan, share: float, normal: FloatArray, force_uN: FloatArray) -> float:

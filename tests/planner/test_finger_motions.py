@@ -17,7 +17,12 @@ from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import Pose
 from microhand_planner.core.section import XY_PLANE, XZ_PLANE
 from microhand_planner.core.section_curves import SectionCurves
-from tests.planner.oracles import presses_lp, removal_window_lp
+from tests.planner.oracles import (
+    planar_cross,
+    preload_window_lp,
+    presses_lp,
+    removal_window_lp,
+)
 from tests.planner.solids import ellipsoid
 
 FINGER = Finger()
@@ -236,25 +241,174 @@ def test_fingers_come_and_go_by_steps_of_their_own(case):
         assert np.array_equal(held, after.in_contact)
 
 
+def in_plane(axes_um, plan, step, waypoint):
+    """Return contacts [µm], normals and forces [µN] (3, 2) at a waypoint, from the ellipsoid.
+
+    Fingers that do not touch have the foot of their perpendicular as contact.
+    """
+    plane = {'z': XY_PLANE, 'y': XZ_PLANE}[plan.rotations[step.rotation].axis]
+    centre = in_object(step, step.tip_um - step.object_position_um[:, None])[waypoint]
+    contact = nearest_on_ellipsoid_um(centre, axes_um)
+    outward = centre - contact
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    force_uN = in_object(step, step.force_uN)[waypoint]
+    return plane.to_plane(contact), plane.to_plane(outward), plane.to_plane(force_uN)
+
+
 def test_every_removal_is_feasible(case):
-    """Where a finger leaves, the fingers that stay can hold the pull, by a linear program."""
+    """Where a finger leaves, those that stay hold, by a linear program of the rules in force.
+
+    Robust plans press with a grip inside the window of the program that wants the margin before
+    and during the pull; in paper mode Eq. 4 counts, and without adhesion the pair must press.
+    """
     axes_um, plan = case
-    plane_of = {'z': XY_PLANE, 'y': XZ_PLANE}
     removals = 0
     for step in plan.steps:
         if step.kind is not StepKind.REMOVE:
             continue
-        plane = plane_of[plan.rotations[step.rotation].axis]
-        centre = in_object(step, step.tip_um - step.object_position_um[:, None])[0]
-        contact = nearest_on_ellipsoid_um(centre, axes_um)
-        normal = plane.to_plane((centre - contact) / FINGER.radius_um)
-        contact = plane.to_plane(contact)
+        contact, normal, force_uN = in_plane(axes_um, plan, step, 0)
         gone, stay = step.finger - 1, list(np.flatnonzero(step.in_contact))
-        if plan.law.adhesion:
-            assert removal_window_lp(
-                contact[stay], normal[stay], contact[gone], normal[gone], plan.law
-            )
-        else:
+        removal = (contact[stay], normal[stay], contact[gone], normal[gone], plan.law)
+        if not plan.law.adhesion:
             assert presses_lp(contact[stay], normal[stay], plan.law.friction) > 0.0
+        elif plan.options.mode is Mode.PAPER:
+            assert removal_window_lp(*removal)
+        else:
+            low, high = preload_window_lp(
+                *removal, plan.rules.margin_factor * plan.law.friction, margin_uN=0.05
+            )
+            assert (step.hold.low_uN, step.hold.high_uN) == pytest.approx(
+                (low, high), rel=5e-4, abs=1e-3
+            )
+            assert low + 0.5 - 1e-3 <= step.hold.grip_uN <= high - 0.5 + 1e-3
+            line = contact[stay[1]] - contact[stay[0]]
+            line /= np.linalg.norm(line)
+            assert force_uN[stay[0]] == pytest.approx(step.hold.grip_uN * line, abs=1e-3)
         removals += 1
     assert removals == plan.reconfigurations / 2
+
+
+# ---------------------------------------------------------------- forces
+
+
+def test_forces_are_in_balance_at_every_waypoint(case):
+    """Forces of the fingers, and their moments about the object, sum up to nothing."""
+    _, plan = case
+    for step in plan.steps:
+        assert np.abs(step.force_uN.sum(axis=1)).max() < 1e-5
+        arm_um = step.tip_um - FINGER.radius_um * np.nan_to_num(step.normal)
+        arm_um = arm_um - step.object_position_um[:, None]
+        moment = np.cross(arm_um, step.force_uN).sum(axis=1)
+        assert np.abs(moment).max() < 5e-3  # at 10 um an arm: 0.5 nN
+        assert np.all(step.force_uN[:, ~np.array(step.in_contact)] == 0.0)
+
+
+def test_forces_never_jump(case):
+    """Each step begins with the forces with which the one before ended, unless it was a removal.
+
+    Within a roll they change by less than a tenth of the nominal grip per degree. Plans of the
+    paper leave forces open, and press with the nominal grip wherever two fingers hold.
+    """
+    _, plan = case
+    assert not np.any(plan.steps[0].force_uN)
+    for before, after in itertools.pairwise(plan.steps):
+        assert after.force_uN[0] == pytest.approx(before.force_uN[-1], abs=2e-3), after.kind
+    for step in plan.steps:
+        if step.kind is not StepKind.GRIP:
+            changes = np.linalg.norm(np.diff(step.force_uN, axis=0), axis=2)
+            assert changes.max() < 0.1 * plan.rules.nominal_grip_uN, step.kind
+
+
+def test_grips_are_ramps_of_fingers_that_stand(case):
+    """In a GRIP step nothing moves; two waypoints, between which forces change linearly."""
+    _, plan = case
+    grips = [step for step in plan.steps if step.kind is StepKind.GRIP]
+    assert grips
+    for step in grips:
+        assert len(step) == 2
+        assert np.array_equal(step.tip_um[0], step.tip_um[1])
+        assert np.array_equal(step.object_position_um[0], step.object_position_um[1])
+        assert np.any(step.force_uN[0] != step.force_uN[1])
+        assert step.hold is None
+
+
+def test_the_order_around_a_change_of_fingers():
+    """Place, grip as the removal wants it, remove, grip as the roll wants it; then only roll on.
+
+    The new finger, and the one that leaves, bear nothing when contact is made and broken.
+    """
+    _, plan = planned('robust')
+    removals = [number for number, step in enumerate(plan.steps) if step.kind is StepKind.REMOVE]
+    assert removals
+    for number in removals:
+        place, ramp, remove, after = plan.steps[number - 2 : number + 2]
+        assert place.kind is StepKind.PLACE
+        assert (ramp.kind, after.kind) == (StepKind.GRIP, StepKind.GRIP)
+        assert not np.any(place.force_uN[:, place.finger - 1])
+        assert np.all(ramp.in_contact)
+        assert not np.any(ramp.force_uN[-1, remove.finger - 1])
+        assert np.any(ramp.force_uN[0, remove.finger - 1])
+        assert not np.any(remove.force_uN[:, remove.finger - 1])
+        assert remove.hold is not None
+        # all along the removal the two that stay hold as they did at the end of the ramp
+        assert np.all(remove.force_uN == ramp.force_uN[-1])
+    first, closing = plan.steps[:2]
+    assert (first.kind, closing.kind) == (StepKind.APPROACH, StepKind.GRIP)
+    assert not np.any(first.force_uN)
+
+
+def test_holds_tell_what_the_forces_are(case):
+    """Grip, margin and the upper end of a roll's window, recomputed from contacts and vectors."""
+    axes_um, plan = case
+    law, rules = plan.law, plan.rules
+    friction = rules.margin_factor * law.friction
+    share = rules.roll_factor if law.adhesion else rules.margin_factor
+    told = 0
+    for step in plan.steps:
+        if step.hold is None:
+            continue
+        assert plan.options.mode is Mode.ROBUST
+        held = np.flatnonzero(step.in_contact)
+        grips, margins, room = [], [], []
+        for waypoint in range(len(step)):
+            contact, normal, force_uN = in_plane(axes_um, plan, step, waypoint)
+            line = contact[held[1]] - contact[held[0]]
+            line /= np.linalg.norm(line)
+            grips.append(force_uN[held[0]] @ line)
+            assert force_uN[held] == pytest.approx(
+                grips[-1] * np.stack([line, -line]), abs=1e-3
+            ), 'forces are along the line between the contacts'
+            press = -np.sum(force_uN[held] * normal[held], axis=1)
+            slide = np.abs(planar_cross(normal[held], force_uN[held]))
+            margins.append(np.min(friction * (press + law.stick_uN) - slide))
+            room.append(np.min(share * law.friction * (press + law.stick_uN) - slide))
+        assert step.hold.grip_uN == pytest.approx(min(grips), abs=2e-3)
+        assert step.hold.margin_uN <= min(margins) + 2e-3
+        if step.kind is StepKind.ROLL:
+            assert step.hold.margin_uN == pytest.approx(min(margins), abs=2e-3)
+            assert min(room) >= -2e-3, 'outside the cones that rolling is planned with'
+            assert step.hold.grip_uN == pytest.approx(
+                min(rules.nominal_grip_uN, step.hold.high_uN), abs=2e-3
+            )
+        told += 1
+    kinds = {step.kind for step in plan.steps if step.hold is not None}
+    assert kinds == (
+        {StepKind.ROLL, StepKind.REMOVE} if plan.options.mode is Mode.ROBUST else set()
+    )
+    assert told or plan.options.mode is Mode.PAPER
+
+
+def test_rolls_press_with_the_nominal_grip_at_most(case):
+    """Robust plans press less where contacts bear less; plans of the paper everywhere alike."""
+    _, plan = case
+    grips_uN = np.concatenate(
+        [
+            np.linalg.norm(step.force_uN[:, step.in_contact.index(True)], axis=-1)
+            for step in plan.steps
+            if step.kind is StepKind.ROLL and sum(step.in_contact) == 2
+        ]
+    )
+    nominal_uN = plan.rules.nominal_grip_uN
+    assert grips_uN.max() == pytest.approx(nominal_uN, abs=1e-3)
+    if plan.options.mode is Mode.PAPER:
+        assert grips_uN == pytest.approx(nominal_uN, abs=1e-3)

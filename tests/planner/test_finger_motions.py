@@ -280,7 +280,7 @@ def test_every_removal_is_feasible(case):
             assert (step.hold.low_uN, step.hold.high_uN) == pytest.approx(
                 (low, high), rel=5e-4, abs=1e-3
             )
-            assert low + 0.5 - 1e-3 <= step.hold.grip_uN <= high - 0.5 + 1e-3
+            assert low + 0.49 <= step.hold.grip_uN <= high - 0.49
             line = contact[stay[1]] - contact[stay[0]]
             line /= np.linalg.norm(line)
             assert force_uN[stay[0]] == pytest.approx(step.hold.grip_uN * line, abs=1e-3)

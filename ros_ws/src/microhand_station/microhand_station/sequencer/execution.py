@@ -38,8 +38,8 @@ from microhand_station.sequencer.twin_link import TwinLink
 
 CLOSE_RECORD_S = 10.0
 """Longest wait for the recorder to finish its file [s]."""
-VERDICT_S = 1.0
-"""Longest wait for the twin to say how the object is when the stages stand [s]."""
+CATCH_UP_S = 2.0
+"""Longest wait for the twin to see the stages stand [s]."""
 STANDS_STILL_UM = 1e-3
 """A finger that is commanded to within this of where a run left it has not moved since [µm]."""
 
@@ -235,6 +235,8 @@ class Execution:
                 motion.trajectory, self._standing_um(), self._config.contact.speed_um_s
             )
             check_travel(commands.tip_um, commands.velocity_um_s, cleared.limits)
+            if any(motion.guarded):
+                self._let_twin_catch_up()  # what stops the fingers must not be late
             self._streamer.stream(commands, partial(teller.tell, number), motion.guarded)
             if any(motion.guarded):
                 reference = self._touched(motion, reference)
@@ -242,7 +244,7 @@ class Execution:
                     self._release()
                     released = True
             reference = reference.forget(_touching_after(plan, motion))
-        self._await_verdict(plan)
+        self._let_twin_catch_up(plan.reached)
         self.grasp = Grasp(reference, self._standing_um())
         self._on_event('plan executed, stages on target', 0)
 
@@ -288,20 +290,20 @@ class Execution:
                 self._on_deviation(off)
             off.check(self._config.twin)
 
-    def _await_verdict(self, plan: Plan) -> None:
-        """Return when the twin has seen the stages stand, and the object is held at the end."""
+    def _let_twin_catch_up(self, planned: Pose | None = None) -> None:
+        """Return when the twin has seen the stages stand, and the object where it is planned."""
         if self._twin is None:
             return
         stands_ns = self._now_ns()
-        give_up_s = time.monotonic() + VERDICT_S
+        give_up_s = time.monotonic() + CATCH_UP_S
         while True:
-            self._check_object(lambda ns: plan.reached if ns >= stands_ns else None)
+            self._check_object(lambda ns: planned if ns >= stands_ns else None)
             report = self._twin.report
             if report is not None and report.stamp_ns >= stands_ns:
                 return
             if time.monotonic() > give_up_s:
                 raise RunFailed(
-                    f'the twin is more than {VERDICT_S:g} s behind the stages', TWIN_MISSING
+                    f'the twin is more than {CATCH_UP_S:g} s behind the stages', TWIN_MISSING
                 )
             self._control.wait(time.monotonic() + LOOK_S)
 

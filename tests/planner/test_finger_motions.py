@@ -18,6 +18,8 @@ from microhand_planner.core.pose import Pose
 from microhand_planner.core.section import XY_PLANE, XZ_PLANE
 from microhand_planner.core.section_curves import SectionCurves
 from tests.planner.oracles import (
+    distance_to_ellipsoid_um,
+    nearest_on_ellipsoid_um,
     planar_cross,
     preload_window_lp,
     presses_lp,
@@ -38,29 +40,6 @@ def geometry_of(semi_axes_um, finger=FINGER):
         'y': offset_curve(ellipse_section(a, c, XZ_PLANE), finger.radius_um),
     }
     return SectionCurves(ellipsoid(semi_axes_um), finger, curves)
-
-
-def nearest_on_ellipsoid_um(points_um, semi_axes_um):
-    """Return the nearest points of an ellipsoid to points (..., 3) outside.
-
-    The nearest point is q with p - q = s (q / axes^2); s >= 0 follows by bisection.
-    """
-    points_um = np.asarray(points_um)
-    squares = np.square(semi_axes_um)
-    low = np.zeros(points_um.shape[:-1])
-    high = np.max(semi_axes_um) * np.linalg.norm(points_um, axis=-1)
-    for _ in range(70):
-        s = 0.5 * (low + high)
-        nearest = points_um * squares / (squares + s[..., None])
-        outside = np.sum(nearest**2 / squares, axis=-1) > 1.0
-        low, high = np.where(outside, s, low), np.where(outside, high, s)
-    return nearest
-
-
-def distance_to_ellipsoid_um(points_um, semi_axes_um):
-    """Return the distance of points (..., 3) outside an ellipsoid from it."""
-    nearest = nearest_on_ellipsoid_um(points_um, semi_axes_um)
-    return np.linalg.norm(points_um - nearest, axis=-1)
 
 
 def planned(name):

@@ -2,9 +2,9 @@
 """The smooth surface behind a mesh: one cubic patch per face.
 
 Facets are not there on the real part. Those of a fine mesh lie 10 to 40 nm below the surface that
-they stand for; on a finger of 100 N/m that is a force of 1 to 4 µN that comes and goes with every
-facet that rolls by. So the twin rolls on curved triangles through the same vertices: cubic Bézier
-patches built from the corners' normals ([Vlachos2001]), whose edges come close to circular arcs.
+they stand for; between two fingers of 100 N/m the grip then varies by 1.8 µN as they roll by. So
+the twin rolls on curved triangles through the same vertices: cubic Bézier patches built from the
+corners' normals ([Vlachos2001]), whose edges come close to circular arcs.
 As in the planner's sections, a turn of more than 20° between two faces is an edge of the part and
 stays sharp, and large flat sides stay flat.
 """

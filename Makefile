@@ -33,7 +33,7 @@ hash = $(shell sha256sum $(sort $(wildcard $(1))) | sha256sum | cut -c 1-12)
 MSGS := $(SRC)/microhand_msgs_py
 MSGS_HASH := $(call hash,$(MSGS)/*/*.msg $(MSGS)/*/*.srv $(MSGS)/*/*.action $(MSGS)/_wheel/*.* $(MSGS)/*.*)
 PACKAGES_HASH := $(call hash,tools/link_into_prefix.py $(foreach p,$(PACKAGES),$(addprefix $(SRC)/$(p)/,setup.* package.xml launch/* config/*)))
-CORE_HASH := $(call hash,$(SRC)/microhand_planner/microhand_planner/*.py $(SRC)/microhand_planner/microhand_planner/core/*.py $(SRC)/microhand_twin/microhand_twin/*.py requirements/constraints.txt)
+CORE_HASH := $(call hash,$(SRC)/microhand_planner/microhand_planner/*.py $(SRC)/microhand_planner/microhand_planner/core/*.py $(SRC)/microhand_twin/microhand_twin/*.py $(SRC)/stage_driver_sim/stage_driver_sim/model.py requirements/constraints.txt)
 VENV_READY := $(VENV)/.ready/venv
 REQUIREMENTS_READY := $(VENV)/.ready/requirements-$(call hash,requirements/runtime.txt requirements/dev.txt requirements/constraints.txt)
 TOOLS_READY := $(TOOLS)/.ready/build-$(call hash,requirements/build.txt requirements/constraints.txt)
@@ -153,9 +153,9 @@ $(PACKAGES_READY): | $(MSGS_READY)
 	  && $(BIN)/python tools/link_into_prefix.py $(addprefix ./$(SRC)/,$(PACKAGES)))
 	@$(done)
 
-# numba compiles searches and contacts once, here, so that nobody waits for it later. It keeps code by the age of one file, and
+# numba compiles searches, contacts and stages once, here, so that nobody waits for it later. It keeps code by the age of one file, and
 # would not see that a function from another file has changed: so it begins from nothing.
 $(WARM_READY): | $(PACKAGES_READY) python
-	$(call step,compiled searches and contacts,find $(SRC)/microhand_planner $(SRC)/microhand_twin -name '*.nb[ci]' -delete \
-	  && $(BIN)/python -m microhand_planner.warm_up && $(BIN)/python -m microhand_twin.warm_up)
+	$(call step,compiled code,find $(SRC)/microhand_planner $(SRC)/microhand_twin $(SRC)/stage_driver_sim -name '*.nb[ci]' -delete \
+	  && $(BIN)/python -m microhand_planner.warm_up && $(BIN)/python -m microhand_twin.warm_up && $(BIN)/python -m stage_driver_sim.warm_up)
 	@$(done)

@@ -20,6 +20,8 @@ CODES = {
     'LeftoverChunk': 'STREAM_BROKEN',
     'NotAllowed': 'NOT_ALLOWED',
     'ContactSilent': 'NO_CONTACT',
+    'StageFailed': 'STAGE_FAULT',
+    'StageSilent': 'STAGE_FAULT',
 }
 
 

@@ -19,9 +19,9 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
     ],
-    install_requires=['numpy'],
+    install_requires=['numba', 'numpy'],
     entry_points={
         'console_scripts': ['stage_driver = stage_driver_sim.driver_node:main'],
     },
-    zip_safe=True,
+    zip_safe=False,
 )

@@ -9,10 +9,10 @@ import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from stage_driver_sim.axis_parameters import AxisParameters
 from stage_driver_sim.controller import ControllerSettings
 from stage_driver_sim.conversions import UM_PER_M
 from stage_driver_sim.errors import InvalidParameter
-from stage_driver_sim.model import AxisParameters
 from stage_driver_sim.parameter_spec import ParameterSpec, declare_specs
 from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
 from stage_driver_sim.protocol import AXES, Vector
@@ -40,13 +40,28 @@ SPECS = (
     ParameterSpec(
         'natural_frequency',
         _per_axis('natural_frequency_Hz'),
-        1.0,
-        1e4,
+        0.1,
+        1000.0,
         'Hz',
         'undamped natural frequency of the closed loop',
     ),
     ParameterSpec(
-        'damping_ratio', _X.damping_ratio, 0.01, 10.0, '1', 'of the closed loop; 1 is critical'
+        'damping_ratio', _X.damping_ratio, 0.3, 10.0, '1', 'of the closed loop; 1 is critical'
+    ),
+    ParameterSpec(
+        'resonance_frequency',
+        _per_axis('resonance_Hz'),
+        20.0,
+        5000.0,
+        'Hz',
+        'undamped natural frequency of the mechanics',
+    ),
+    ParameterSpec('resonance_damping', _X.resonance_damping, 0.001, 2.0, '1', 'of the mechanics'),
+    ParameterSpec(
+        'hysteresis', _X.hysteresis, 0.0, 0.3, '1', 'width of the open-loop curve by its length'
+    ),
+    ParameterSpec(
+        'creep', _X.creep_per_decade, 0.0, 0.03, '1', 'growth of a step per decade of time'
     ),
     ParameterSpec(
         'noise_rms', _X.noise_rms_um / UM_PER_M, 0.0, 1e-6, 'm', 'sensor noise per axis; 0: none'
@@ -117,11 +132,12 @@ def read_parameters(node: Node) -> DriverParameters:
         return [float(x) for x in node.get_parameter(name).value]
 
     axes = []
-    for axis, lower, upper, frequency_Hz in zip(
+    for axis, lower, upper, frequency_Hz, resonance_Hz in zip(
         AXES,
         per_axis('travel_lower'),
         per_axis('travel_upper'),
         per_axis('natural_frequency'),
+        per_axis('resonance_frequency'),
         strict=True,
     ):
         try:
@@ -134,6 +150,10 @@ def read_parameters(node: Node) -> DriverParameters:
                     damping_ratio=number('damping_ratio'),
                     noise_rms_um=number('noise_rms') * UM_PER_M,
                     resolution_um=number('sensor_resolution') * UM_PER_M,
+                    resonance_Hz=resonance_Hz,
+                    resonance_damping=number('resonance_damping'),
+                    hysteresis=number('hysteresis'),
+                    creep_per_decade=number('creep'),
                 )
             )
         except InvalidParameter as error:

@@ -10,7 +10,9 @@
     ├── StreamBroken       a gap, a contradiction, a wrong time, or a stream that ran dry
     │   └── LeftoverChunk      the rest of a stream that is over; harmless
     ├── ContactSilent      a guarded stream without news of contacts
-    └── NotAllowed         the command does not fit the present mode
+    ├── NotAllowed         the command does not fit the present mode
+    └── StageFailed        the stage itself reports a failure
+        └── StageSilent        it does not answer
 
 The package imports nothing of the planner, so it has its own tree; `code` is the value of
 ``microhand_msgs_py/msg/ErrorCode``, and a test keeps the two in step.
@@ -63,3 +65,13 @@ class NotAllowed(StageError):
     """The command does not fit the present mode."""
 
     code = 308
+
+
+class StageFailed(StageError):
+    """The stage reports that it does not do what it is told."""
+
+    code = 301
+
+
+class StageSilent(StageFailed):
+    """The stage does not answer, or what it answers makes no sense."""

@@ -1,208 +1,322 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One closed-loop axis of a piezo stage: commanded position → true position → sensor reading.
+"""A piezo stage and its digital controller, sample by sample: command → voltage → position.
 
-The cascade is the usual one for a servo-controlled nanopositioner: travel limits, then a slew
-limit (the amplifier's current), then a second-order closed loop::
+For each axis, once per sampling period of the controller::
 
-    x'' = w^2 (u - x) - 2 z w x'        w = 2 pi f: natural frequency, z: damping ratio
+    command -> slew limit -> servo -> amplifier -> hysteresis -> creep -> mechanics -> position
+                               ^                                                         |
+                               +---- reading <- quantisation <- noise <------------------+
 
-with `u` the slew-limited command. `u` is linear in time between two events, and for a ramp of
-rate `q` the loop has the particular solution ``x_p = u - 2 z q / w``, ``x_p' = q``: what remains
-is a free oscillation about it, which the matrix exponential carries over any time step exactly.
+With the servo off, the command is the voltage itself. A voltage is given in µm: as the position
+that it would lead to without hysteresis and creep. `step` is pure: state and noise are arguments.
+What it computes with is laid out in arrays, axis by axis, and compiled.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from stage_driver_sim.axis_parameters import AxisParameters
+from stage_driver_sim.creep import design_creep
 from stage_driver_sim.errors import InvalidParameter
+from stage_driver_sim.hysteresis import design_hysteresis
+from stage_driver_sim.protocol import AXES, Vector
+from stage_driver_sim.resonance import sample_oscillator
+from stage_driver_sim.servo import SAMPLE_S, design_servo
+
+Array = NDArray[np.float64]
+
+OVERDRIVE = 0.2
+"""The amplifier reaches beyond the voltages of the travel, by this share of it, at both ends: so
+that the servo can make up for hysteresis and creep (-20 to 120 V for a nominal 0 to 100 V)."""
 
 
-@dataclass(frozen=True)
-class AxisParameters:
-    """What one closed-loop axis does.
+class StageModel(NamedTuple):
+    """What a stage of three axes is like, per sample of its controller; see `make_model`."""
 
-    Parameters
-    ----------
-    lower_um, upper_um : float
-        Ends of the closed-loop travel [µm].
-    max_velocity_um_s : float
-        Slew limit [µm/s].
-    natural_frequency_Hz : float
-        Undamped natural frequency of the closed loop [Hz].
-    damping_ratio : float
-        Damping of the closed loop [-]; 1 is critical.
-    noise_rms_um : float
-        Standard deviation of the white sensor noise [µm]; 0: none.
-    resolution_um : float
-        Step of the sensor reading [µm]; 0: continuous.
+    middle_um: Vector
+    lower_um: Vector
+    upper_um: Vector
+    slew_um: Vector
+    """Largest change of reference or voltage per sample."""
+    voltage_um: Array
+    """(3, 2) lowest and highest voltage."""
+    servo: Array
+    """(3, 4) gain, pole, a1, a2."""
+    elastic: Vector
+    thresholds_um: Array
+    """(3, n) of the play operators."""
+    weights: Array
+    """(3, n) of the play operators."""
+    creep_shares: Array
+    """(m,) how much of its way a relaxation makes in one sample."""
+    creep_weights: Array
+    """(3, m)."""
+    mechanics: Array
+    """(3, 4) xx, xv, vx, vv."""
+    noise_um: Vector
+    resolution_um: Vector
+
+
+class ModelState(NamedTuple):
+    """All that the future of a stage depends on; (3,) per axis unless stated."""
+
+    position_um: Vector
+    """True position."""
+    velocity_um_s: Vector
+    """True velocity."""
+    reading_um: Vector
+    """What the sensor read last."""
+    reference_um: Vector
+    """Slew-limited command that the servo follows."""
+    voltage_um: Vector
+    voltage_step_um: Vector
+    """The latest change of the voltage."""
+    errors_um: Array
+    """(3, 2) the latest two control errors."""
+    plays_um: Array
+    """(3, n) where the play operators are."""
+    crept_um: Array
+    """(3, m) where the relaxations are."""
+
+
+def make_model(axes: Sequence[AxisParameters]) -> StageModel:
+    """Return the model of a stage with the given axes, x, y, z.
 
     Raises
     ------
     InvalidParameter
-        A value outside its range; the message names it.
+        Not three axes, or a servo that cannot be; the message names the axis.
     """
-
-    lower_um: float
-    upper_um: float
-    max_velocity_um_s: float
-    natural_frequency_Hz: float
-    damping_ratio: float
-    noise_rms_um: float
-    resolution_um: float
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not (math.isfinite(self.lower_um) and math.isfinite(self.upper_um)):
-            raise InvalidParameter(f'travel is {self.lower_um} to {self.upper_um} µm, not finite')
-        if self.lower_um >= self.upper_um:
-            raise InvalidParameter(
-                f'travel is {self.lower_um} to {self.upper_um} µm; allowed: lower < upper'
+    if len(axes) != len(AXES):
+        raise InvalidParameter(f'{len(axes)} axes given; allowed: {len(AXES)}')
+    rows = []
+    for name, axis in zip(AXES, axes, strict=True):
+        plays = design_hysteresis(axis.hysteresis, axis.half_travel_um)
+        mechanics = sample_oscillator(axis.resonance_Hz, axis.resonance_damping, SAMPLE_S)
+        try:
+            servo = design_servo(
+                axis.natural_frequency_Hz,
+                axis.damping_ratio,
+                mechanics,
+                (plays.elastic, plays.steepest),
             )
-        for field in ('max_velocity_um_s', 'natural_frequency_Hz', 'damping_ratio'):
-            value = getattr(self, field)
-            if not 0.0 < value < math.inf:
-                raise InvalidParameter(f'{field} is {value}; allowed: a number > 0')
-        for field in ('noise_rms_um', 'resolution_um'):
-            value = getattr(self, field)
-            if not 0.0 <= value < math.inf:
-                raise InvalidParameter(f'{field} is {value}; allowed: a number >= 0')
+        except InvalidParameter as error:
+            raise InvalidParameter(f'{name}: {error}') from error
+        beyond_um = 2.0 * OVERDRIVE * axis.half_travel_um
+        rows.append(
+            (
+                axis.middle_um,
+                axis.lower_um,
+                axis.upper_um,
+                axis.max_velocity_um_s * SAMPLE_S,
+                (axis.lower_um - beyond_um, axis.upper_um + beyond_um),
+                (servo.gain, servo.pole, servo.a1, servo.a2),
+                plays.elastic,
+                plays.thresholds_um,
+                plays.weights,
+                design_creep(axis.creep_per_decade).weights,
+                (mechanics.xx, mechanics.xv, mechanics.vx, mechanics.vv),
+                axis.noise_rms_um,
+                axis.resolution_um,
+            )
+        )
+    columns = [np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)]
+    shares = -np.expm1(-SAMPLE_S / design_creep(0.0).times_s)
+    model = StageModel._make([*columns[:9], shares, *columns[9:]])
+    for array in model:
+        array.setflags(write=False)
+    return model
 
 
-class AxisState(NamedTuple):
-    """State of one axis: all that its future depends on."""
+def at_rest(model: StageModel, position_um: Vector) -> ModelState:
+    """Return the state of a stage that has stood at a position for long, depolarised.
 
-    position_um: float
-    """True position [µm]."""
-    velocity_um_s: float
-    """True velocity [µm/s]."""
-    reference_um: float
-    """Slew-limited command that the loop follows [µm]."""
-
-
-def axis_at_rest(position_um: float) -> AxisState:
-    """Return the state of an axis that stands at `position_um`.
+    Its play operators are in the middle of their play, as after a voltage that swung and died
+    away, and nothing creeps any more.
 
     Parameters
     ----------
-    position_um : float
+    model : StageModel
+        The stage.
+    position_um : (3,) ndarray
         Where it stands [µm].
-
-    Examples
-    --------
-    >>> axis_at_rest(50.0)
-    AxisState(position_um=50.0, velocity_um_s=0.0, reference_um=50.0)
     """
-    return AxisState(position_um, 0.0, position_um)
+    position_um = np.array(position_um, dtype=np.float64)
+    drawn_um = (position_um - model.middle_um) / (1.0 + model.creep_weights.sum(axis=1))
+    voltage_um = model.middle_um + drawn_um / (model.elastic + model.weights.sum(axis=1))
+    return ModelState(
+        position_um=position_um,
+        velocity_um_s=np.zeros(3),
+        reading_um=position_um.copy(),
+        reference_um=position_um.copy(),
+        voltage_um=voltage_um,
+        voltage_step_um=np.zeros(3),
+        errors_um=np.zeros((3, 2)),
+        plays_um=np.repeat(voltage_um[:, np.newaxis], model.weights.shape[1], axis=1),
+        crept_um=np.repeat(
+            (model.middle_um + drawn_um)[:, np.newaxis], len(model.creep_shares), axis=1
+        ),
+    )
 
 
-def step_axis(
-    axis: AxisParameters,
-    state: AxisState,
-    command_um: float,
-    dt_s: float,
-    slew_um_s: float = math.inf,
-) -> AxisState:
-    """Return the state `dt_s` later, the command being constant meanwhile.
-
-    The slew limit holds for the reference. The position behind an underdamped loop may exceed it
-    for a moment by the loop's overshoot (5 % at a damping ratio of 0.7).
+def hold(state: ModelState, *, where_um: Vector) -> ModelState:
+    """Return the state of a controller that closes or opens its loop: it begins anew.
 
     Parameters
     ----------
-    axis : AxisParameters
-        The axis.
-    state : AxisState
+    state : ModelState
+        Of the stage.
+    where_um : (3,) ndarray
+        The reference of the servo from now on [µm].
+    """
+    return state._replace(
+        reference_um=np.array(where_um, dtype=np.float64),
+        voltage_step_um=np.zeros(3),
+        errors_um=np.zeros((3, 2)),
+    )
+
+
+def step(
+    model: StageModel,
+    state: ModelState,
+    command_um: Vector,
+    samples: int,
+    rng: np.random.Generator,
+    *,
+    servo_on: bool = True,
+    slew_um_s: float = math.inf,
+) -> ModelState:
+    """Return the state `samples` sampling periods later, the command being constant meanwhile.
+
+    Many short steps make one long step, to the last bit.
+
+    Parameters
+    ----------
+    model : StageModel
+        The stage.
+    state : ModelState
         State now.
-    command_um : float
-        Commanded position [µm]; beyond the travel it saturates at the end.
-    dt_s : float
-        Time step [s], >= 0; any length, the result is exact.
+    command_um : (3,) ndarray
+        Position, servo on, or voltage, servo off [µm]; beyond travel or amplifier it saturates.
+    samples : int
+        How many periods of `SAMPLE_S`, >= 0.
+    rng : numpy.random.Generator
+        Source of the sensor noise: three numbers per sample.
+    servo_on : bool
+        Whether the loop is closed.
     slew_um_s : float
         A slower slew limit for this step [µm/s].
 
     Raises
     ------
     InvalidParameter
-        `dt_s` is negative or not finite.
+        `samples` is negative.
     """
-    if not 0.0 <= dt_s < math.inf:
-        raise InvalidParameter(f'time step is {dt_s} s; allowed: a number >= 0')
-    target_um = min(max(command_um, axis.lower_um), axis.upper_um)
-    distance_um = target_um - state.reference_um
-    rate_um_s = math.copysign(min(axis.max_velocity_um_s, slew_um_s), distance_um)
-    ramp_s = distance_um / rate_um_s
-    if ramp_s >= dt_s:
-        return _follow_ramp(axis, state, rate_um_s, dt_s)
-    if ramp_s > 0.0:
-        state = _follow_ramp(axis, state, rate_um_s, ramp_s)
-    # `target_um` itself, not the sum of the ramp: a reference at rest must not collect rounding.
-    state = AxisState(state.position_um, state.velocity_um_s, target_um)
-    return _follow_ramp(axis, state, 0.0, dt_s - ramp_s)
+    if samples < 0:
+        raise InvalidParameter(f'samples is {samples}; allowed: an integer >= 0')
+    command_um = np.array(command_um, dtype=np.float64)
+    noise = rng.standard_normal((samples, 3))
+    return _advance(model, state, command_um, noise, servo_on, slew_um_s * SAMPLE_S)
 
 
-def _follow_ramp(
-    axis: AxisParameters, state: AxisState, rate_um_s: float, dt_s: float
-) -> AxisState:
-    """Return the state after `dt_s` of a reference moving at `rate_um_s`: exact solution."""
-    w = 2.0 * math.pi * axis.natural_frequency_Hz
-    z = axis.damping_ratio
-    lag_um = 2.0 * z * rate_um_s / w
-    offset_um = state.position_um - (state.reference_um - lag_um)
-    offset_um_s = state.velocity_um_s - rate_um_s
-    cosine, sine_s = _decay(w, z, dt_s)
-    reference_um = state.reference_um + rate_um_s * dt_s
-    return AxisState(
-        position_um=reference_um
-        - lag_um
-        + (cosine + z * w * sine_s) * offset_um
-        + sine_s * offset_um_s,
-        velocity_um_s=rate_um_s
-        - w * w * sine_s * offset_um
-        + (cosine - z * w * sine_s) * offset_um_s,
-        reference_um=reference_um,
-    )
-
-
-def _decay(w: float, z: float, t: float) -> tuple[float, float]:
-    """Return ``e^(-zwt) cos(vt)`` and ``e^(-zwt) sin(vt)/v``, v = w sqrt(1 - z²), for any damping.
-
-    They make up the matrix exponential of ``[[0, 1], [-w², -2zw]] t``.
-    """
-    if z < 1.0:
-        v = w * math.sqrt(1.0 - z * z)
-        envelope = math.exp(-z * w * t)
-        return envelope * math.cos(v * t), envelope * math.sin(v * t) / v
-    v = w * math.sqrt(z * z - 1.0)
-    slow = math.exp((v - z * w) * t)
-    # cosh and sinh would overflow; expm1 keeps the difference exact for v -> 0.
-    fast_less_slow = math.expm1(-2.0 * v * t)
-    cosine = slow * (1.0 + 0.5 * fast_less_slow)
-    sine = -slow * fast_less_slow / (2.0 * v) if v > 0.0 else slow * t
-    return cosine, sine
-
-
-def read_sensor(axis: AxisParameters, state: AxisState, noise: float) -> float:
-    """Return what the position sensor reads [µm]: truth, noise, then quantisation.
+def creep_on(model: StageModel, state: ModelState, duration_s: float) -> ModelState:
+    """Return the state after a long rest in which only creep goes on, the voltage being constant.
 
     Parameters
     ----------
-    axis : AxisParameters
-        The axis.
-    state : AxisState
+    model : StageModel
+        The stage.
+    state : ModelState
         State now.
-    noise : float
-        One draw of the standard normal distribution [-].
-
-    Examples
-    --------
-    >>> coarse = AxisParameters(0.0, 100.0, 1e4, 150.0, 0.7, noise_rms_um=0.0, resolution_um=0.25)
-    >>> read_sensor(coarse, axis_at_rest(50.3), noise=0.0)
-    50.25
+    duration_s : float
+        How long [s].
     """
-    reading_um = state.position_um + axis.noise_rms_um * noise
-    if axis.resolution_um > 0.0:
-        reading_um = axis.resolution_um * round(reading_um / axis.resolution_um)
-    return reading_um
+    drawn_um = model.middle_um + model.elastic * (state.voltage_um - model.middle_um)
+    drawn_um += (model.weights * (state.plays_um - model.middle_um[:, np.newaxis])).sum(axis=1)
+    left = np.power(1.0 - model.creep_shares, duration_s / SAMPLE_S)
+    crept_um = drawn_um[:, np.newaxis] + left * (state.crept_um - drawn_um[:, np.newaxis])
+    moved_um = (model.creep_weights * (crept_um - state.crept_um)).sum(axis=1)
+    return state._replace(position_um=state.position_um + moved_um, crept_um=crept_um)
+
+
+@nb.njit(cache=True, nogil=True)
+def _advance(
+    model: StageModel,
+    state: ModelState,
+    command_um: Vector,
+    noise: Array,
+    servo_on: bool,
+    slew_um: float,
+) -> ModelState:
+    """Carry on sample by sample; `noise` (n, 3) in standard deviations."""
+    position_um = state.position_um.copy()
+    velocity_um_s = state.velocity_um_s.copy()
+    reading_um = state.reading_um.copy()
+    reference_um = state.reference_um.copy()
+    voltage_um = state.voltage_um.copy()
+    voltage_step_um = state.voltage_step_um.copy()
+    errors_um = state.errors_um.copy()
+    plays_um = state.plays_um.copy()
+    crept_um = state.crept_um.copy()
+    for axis in range(3):
+        x, v, u = position_um[axis], velocity_um_s[axis], voltage_um[axis]
+        du, e1, e2 = voltage_step_um[axis], errors_um[axis, 0], errors_um[axis, 1]
+        reference, reading = reference_um[axis], reading_um[axis]
+        middle, resolution = model.middle_um[axis], model.resolution_um[axis]
+        gain, pole, a1, a2 = model.servo[axis]
+        xx, xv, vx, vv = model.mechanics[axis]
+        lowest, highest = model.voltage_um[axis]
+        slew = min(model.slew_um[axis], slew_um)
+        target = command_um[axis]
+        if servo_on:
+            target = min(max(target, model.lower_um[axis]), model.upper_um[axis])
+        for k in range(len(noise)):
+            reading = x + model.noise_um[axis] * noise[k, axis]
+            if resolution > 0.0:
+                reading = resolution * np.round(reading / resolution)
+            if servo_on:
+                reference += min(max(target - reference, -slew), slew)
+                e = reference - reading
+                du = pole * du + gain * (e + a1 * e1 + a2 * e2)
+                e2, e1 = e1, e
+            else:
+                du = min(max(target - u, -slew), slew)
+            # An amplifier at its end remembers what it did, not what was wanted of it.
+            before = u
+            u = min(max(u + du, lowest), highest)
+            du = u - before
+
+            drawn = middle + model.elastic[axis] * (u - middle)
+            for i in range(model.weights.shape[1]):
+                r = model.thresholds_um[axis, i]
+                plays_um[axis, i] = max(u - r, min(u + r, plays_um[axis, i]))
+                drawn += model.weights[axis, i] * (plays_um[axis, i] - middle)
+            pulled = drawn
+            for j in range(len(model.creep_shares)):
+                crept_um[axis, j] += model.creep_shares[j] * (drawn - crept_um[axis, j])
+                pulled += model.creep_weights[axis, j] * (crept_um[axis, j] - middle)
+
+            away = x - pulled
+            x = pulled + xx * away + xv * v
+            v = vx * away + vv * v
+        position_um[axis], velocity_um_s[axis], voltage_um[axis] = x, v, u
+        voltage_step_um[axis], errors_um[axis, 0], errors_um[axis, 1] = du, e1, e2
+        reference_um[axis], reading_um[axis] = reference, reading
+    return ModelState(
+        position_um,
+        velocity_um_s,
+        reading_um,
+        reference_um,
+        voltage_um,
+        voltage_step_um,
+        errors_um,
+        plays_um,
+        crept_um,
+    )

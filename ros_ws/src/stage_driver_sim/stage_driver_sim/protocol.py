@@ -35,17 +35,20 @@ class StageLimits:
         Where `home` goes [µm], inside the travel.
     max_velocity_um_s : float
         Velocity limit of each axis [µm/s].
+    max_acceleration_um_s2 : float
+        Acceleration limit of each axis [µm/s²]; infinite: not limited.
 
     Raises
     ------
     InvalidParameter
-        Lower above upper, home outside, or a velocity that is not positive.
+        Lower above upper, home outside, or a limit that is not positive.
     """
 
     lower_um: Vector
     upper_um: Vector
     home_um: Vector
     max_velocity_um_s: float
+    max_acceleration_um_s2: float = np.inf
 
     def __post_init__(self) -> None:
         """Check and freeze."""
@@ -69,6 +72,10 @@ class StageLimits:
         if not 0.0 < self.max_velocity_um_s < np.inf:
             raise InvalidParameter(
                 f'max_velocity is {self.max_velocity_um_s:g} µm/s; allowed: a number > 0'
+            )
+        if not self.max_acceleration_um_s2 > 0.0:
+            raise InvalidParameter(
+                f'max_acceleration is {self.max_acceleration_um_s2:g} µm/s²; allowed: a number > 0'
             )
 
     def check_positions(self, positions_um: NDArray[np.float64]) -> None:
@@ -104,7 +111,9 @@ class StageLimits:
 class Stage(Protocol):
     """A three-axis stage. Every call is short: it starts or asks, it never waits for motion.
 
-    A stage powers up with its servo off. `now_s` never decreases from call to call.
+    A stage powers up with its servo off. `now_s` never decreases from call to call. Every call may
+    raise `StageFailed`: the stage reports a failure, or does not answer; whether it then still
+    moves is unknown.
     """
 
     @property
@@ -118,6 +127,10 @@ class Stage(Protocol):
     @property
     def servo_on(self) -> bool:
         """True: the position loop is closed."""
+
+    @property
+    def measured_s(self) -> float:
+        """When the position that `measure_um` returned last was measured [s]."""
 
     def set_servo(self, enabled: bool, now_s: float) -> None:
         """Close or open the position loop. The stage stays where it is."""
@@ -134,7 +147,7 @@ class Stage(Protocol):
         """
 
     def measure_um(self, now_s: float) -> Vector:
-        """Return the measured position [µm]."""
+        """Return the measured position [µm], the latest that is known; see `measured_s`."""
 
     def home(self, now_s: float) -> None:
         """Set off for the home position, at a speed that is safe for it.
@@ -150,3 +163,6 @@ class Stage(Protocol):
 
     def stop(self, now_s: float) -> Vector:
         """Stop at once, end homing, and return the position [µm] held from now on."""
+
+    def close(self) -> None:
+        """Let go of the stage; nothing may be called after that."""

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stage that exists only as its model: `Stage` over three `AxisParameters`."""
+"""A stage that exists only as its model: `Stage` over three `AxisParameters`.
+
+The model advances when the stage is called, over the sampling periods of its controller that have
+passed: how often it is called has no influence on its motion. Readings are those of the latest
+sample, as from a real controller.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +13,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stage_driver_sim.axis_parameters import AxisParameters
 from stage_driver_sim.errors import InvalidParameter, NotAllowed
-from stage_driver_sim.model import AxisParameters, axis_at_rest, read_sensor, step_axis
+from stage_driver_sim.model import at_rest, creep_on, hold, make_model, step
 from stage_driver_sim.protocol import StageLimits, Vector
+from stage_driver_sim.servo import SAMPLE_S
 
 HOMING_VELOCITY_UM_S = 1000.0
+LONGEST_COMPUTED_S = 10.0
+"""After a longer pause all but these last seconds are taken as rest [s]: only creep counts."""
+ARRIVED_UM = 1e-9
 
 
 class SimulatedStage:
     """A closed-loop XYZ stage; see `Stage` for what each call promises.
-
-    The model advances when it is called, over the time that passed: how often it is called has no
-    influence on the motion.
 
     Parameters
     ----------
@@ -33,6 +40,8 @@ class SimulatedStage:
         Time of power-up [s].
     hardware_id : str
         Name of the device.
+    max_acceleration_um_s2 : float
+        Stated in its limits [µm/s²]; infinite: not limited.
 
     Examples
     --------
@@ -57,21 +66,23 @@ class SimulatedStage:
         rng: np.random.Generator,
         now_s: float,
         hardware_id: str = 'simulated',
+        max_acceleration_um_s2: float = math.inf,
     ) -> None:
-        if len(axes) != 3:
-            raise InvalidParameter(f'{len(axes)} axes given; allowed: 3')
-        self._axes = tuple(axes)
+        self._model = make_model(axes)
         self._limits = StageLimits(
-            lower_um=np.array([axis.lower_um for axis in axes]),
-            upper_um=np.array([axis.upper_um for axis in axes]),
+            lower_um=self._model.lower_um,
+            upper_um=self._model.upper_um,
             home_um=home_um,
             max_velocity_um_s=min(axis.max_velocity_um_s for axis in axes),
+            max_acceleration_um_s2=max_acceleration_um_s2,
         )
         self._hardware_id = hardware_id
         self._rng = rng
-        self._states = [axis_at_rest(float(x)) for x in self._limits.home_um]
-        self._target_um = self._limits.home_um.tolist()
-        self._time_s = now_s
+        self._state = at_rest(self._model, self._limits.home_um)
+        self._target_um: Vector = self._limits.home_um
+        self._begin_s = now_s
+        self._now_s = now_s
+        self._samples = 0
         self._servo_on = False
         self._homing = False
 
@@ -90,11 +101,16 @@ class SimulatedStage:
         """True: the position loop is closed."""
         return self._servo_on
 
+    @property
+    def measured_s(self) -> float:
+        """When the latest reading was taken [s]."""
+        return self._now_s
+
     def set_servo(self, enabled: bool, now_s: float) -> None:
         """Close or open the loop; open, the amplifier keeps its voltage, the stage its place."""
         self._advance(now_s)
         if enabled != self._servo_on:
-            self._states = [axis_at_rest(state.position_um) for state in self._states]
+            self._state = hold(self._state, where_um=self._state.reading_um)
             self._hold()
         self._servo_on = enabled
 
@@ -106,25 +122,19 @@ class SimulatedStage:
         self._advance(now_s)
         if self._homing:
             raise NotAllowed('the stage is homing')
-        self._target_um = position_um.tolist()
+        self._target_um = np.array(position_um, dtype=np.float64)
 
     def measure_um(self, now_s: float) -> Vector:
-        """Return the sensor readings [µm], with new noise on every call."""
+        """Return the latest sensor readings [µm]."""
         self._advance(now_s)
-        noise = self._rng.standard_normal(3).tolist()
-        return np.array(
-            [
-                read_sensor(axis, state, draw)
-                for axis, state, draw in zip(self._axes, self._states, noise, strict=True)
-            ]
-        )
+        return self._state.reading_um
 
     def home(self, now_s: float) -> None:
         """Set off for home, all axes at `HOMING_VELOCITY_UM_S`."""
         if not self._servo_on:
             raise NotAllowed('the servo is off')
         self._advance(now_s)
-        self._target_um = self._limits.home_um.tolist()
+        self._target_um = self._limits.home_um
         self._homing = True
 
     def is_homing(self, now_s: float) -> bool:
@@ -136,29 +146,39 @@ class SimulatedStage:
         """Freeze the reference of the loop where it is."""
         self._advance(now_s)
         self._hold()
-        return np.array(self._target_um)
+        return self._target_um
+
+    def close(self) -> None:
+        """Nothing to let go of."""
 
     def _hold(self) -> None:
-        self._target_um = [state.reference_um for state in self._states]
+        self._target_um = self._state.reference_um
         self._homing = False
 
     def _advance(self, now_s: float) -> None:
-        """Carry the model to `now_s` with the command in force."""
-        dt_s = now_s - self._time_s
-        if dt_s < 0.0:
-            raise InvalidParameter(f'time went back by {-dt_s:g} s')
-        self._time_s = now_s
-        if not self._servo_on or dt_s == 0.0:
+        """Carry the model to the last sample before `now_s`, with the command in force."""
+        if now_s < self._now_s:
+            raise InvalidParameter(f'time went back by {self._now_s - now_s:g} s')
+        self._now_s = now_s
+        # A sample that is due this very moment is done: times are sums with rounding errors.
+        due = math.floor((now_s - self._begin_s) / SAMPLE_S + 1e-6)
+        samples = due - self._samples
+        if samples <= 0:
             return
-        slew_um_s = HOMING_VELOCITY_UM_S if self._homing else math.inf
-        self._states = [
-            step_axis(axis, state, target_um, dt_s, slew_um_s)
-            for axis, state, target_um in zip(
-                self._axes, self._states, self._target_um, strict=True
-            )
-        ]
+        self._samples = due
+        rest = samples - round(LONGEST_COMPUTED_S / SAMPLE_S)
+        if rest > 0:
+            self._state = creep_on(self._model, self._state, rest * SAMPLE_S)
+            samples -= rest
+        self._state = step(
+            self._model,
+            self._state,
+            self._target_um if self._servo_on else self._state.voltage_um,
+            samples,
+            self._rng,
+            servo_on=self._servo_on,
+            slew_um_s=HOMING_VELOCITY_UM_S if self._homing else math.inf,
+        )
         if self._homing:
-            self._homing = any(
-                state.reference_um != target_um
-                for state, target_um in zip(self._states, self._target_um, strict=True)
-            )
+            away_um = np.abs(self._state.reference_um - self._target_um)
+            self._homing = bool((away_um > ARRIVED_UM).any())

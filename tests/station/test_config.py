@@ -41,7 +41,7 @@ def test_what_is_written_is_read_back(tmp_path):
     assert config.fingers[1].upper_um == (120.0, 180.0, 180.5)
     assert config.stiffness_uN_per_um == (20.0, 20.0, 100.0)
     assert (config.twin.friction, config.twin.pull_off_uN) == (0.25, None)
-    assert config.contact.touch.speed_um_s == 2.0
+    assert config.touch.speed_um_s == 2.0
     write_config(config, tmp_path / 'station.yaml')
     assert read_config(tmp_path / 'station.yaml') == config
 
@@ -52,6 +52,13 @@ def test_speed_scales_every_rate():
     assert fast.pace(500.0).roll_rate_rad_s == 2 * slow.pace(500.0).roll_rate_rad_s
     assert fast.transit_pace(500.0).travel_um_s == 2 * slow.transit_pace(500.0).travel_um_s
     assert fast.pace(500.0).axis_um_s == slow.pace(500.0).axis_um_s == 500.0
+
+
+def test_the_stiffest_finger_decides_how_slowly_the_object_is_met():
+    """Unless the file says how fast: the force of a finger that touched rises by 20 µN/s."""
+    assert StationConfig().touch.speed_um_s * 20.0 == 20.0
+    stiff = config_from_dict({'fingers': [{}, {'stiffness_n_per_m': 100.0}, {}]})
+    assert stiff.touch.speed_um_s * 100.0 == 20.0
 
 
 @pytest.mark.parametrize(
@@ -90,6 +97,8 @@ def test_speed_scales_every_rate():
         ),
         ({'contact': {'speed': 1}}, 'contact: speed is unknown; allowed: speed_um_s, standoff_um'),
         ({'contact': {'speed_um_s': 'slow'}}, "contact: speed_um_s is 'slow'; allowed: a number"),
+        ({'contact': {'standoff_um': None}}, 'contact: standoff_um is None; allowed: a number'),
+        ({'motion': {'speed': None}}, 'motion: speed is None; allowed: a number'),
         ({'contact': {'speed_um_s': 0}}, 'contact: speed_um_s is 0.0; allowed: a number >= 0.01'),
         (
             {'contact': {'tolerance_um': 0.5}},

@@ -22,7 +22,7 @@ ROLL = 2
 def pieces_of(plan):
     """Return the motions that the station makes of a plan."""
     pace = CONFIG.motion.pace(3500.0)
-    return motions(plan, pace, CONFIG.stiffness_uN_per_um, CONFIG.contact.touch)
+    return motions(plan, pace, CONFIG.stiffness_uN_per_um, CONFIG.touch)
 
 
 def test_every_setpoint_of_the_plan_is_sent_and_reached(first_run):

@@ -169,7 +169,7 @@ def expected_setpoints_um(plan, start_um):
     base = np.array(FAST.fingers[0].base_um)
     slowest = min(finger.max_velocity_um_s for finger in FAST.fingers)
     way = time_steps(way_to_start(start_um + base, plan), FAST.motion.transit_pace(slowest))
-    pieces = motions(plan, FAST.motion.pace(slowest), FAST.stiffness_uN_per_um, FAST.contact.touch)
+    pieces = motions(plan, FAST.motion.pace(slowest), FAST.stiffness_uN_per_um, FAST.touch)
     return np.concatenate([way.tip_um, *(piece.trajectory.tip_um for piece in pieces)]) - base
 
 

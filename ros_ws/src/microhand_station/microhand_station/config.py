@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import yaml
 
 from microhand_planner.core.errors import BadRequest, InvalidParameter
+from microhand_planner.core.motions import Touch
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.trajectory import Pace
@@ -168,6 +169,11 @@ class StationConfig:
         first, second, third = (finger.stiffness_n_per_m for finger in self.fingers)
         return first, second, third
 
+    @property
+    def touch(self) -> Touch:
+        """How fingers meet the object."""
+        return self.contact.touch(max(self.stiffness_uN_per_um))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content of the station file that describes this station."""
         return {
@@ -241,7 +247,9 @@ def config_from_dict(content: object) -> StationConfig:
         namespace=_text('namespace', top.get('namespace', default.namespace)),
         frame=_text('frame', top.get('frame', default.frame)),
         motion=Motion(**_numbers('motion', motion)),
-        contact=_named('contact', lambda: ContactConfig(**_numbers('contact', contact))),
+        contact=_named(
+            'contact', lambda: ContactConfig(**_numbers('contact', contact, ('speed_um_s',)))
+        ),
         twin=_named('twin', lambda: _twin(top.get('twin', {}))),
         record=required,
         fingers=tuple(
@@ -270,8 +278,7 @@ def _twin(content: object) -> TwinConfig:
     enabled = given.pop('enabled', True)
     if not isinstance(enabled, bool):
         raise BadRequest('enabled', _shown(enabled), 'true or false')
-    known = {key: value for key, value in given.items() if value is not None}
-    return TwinConfig(enabled=enabled, **_numbers('twin', known))
+    return TwinConfig(enabled=enabled, **_numbers('twin', given, ('friction', 'pull_off_uN')))
 
 
 def _named(section: str, make: Callable[[], Made]) -> Made:
@@ -284,9 +291,15 @@ def _named(section: str, make: Callable[[], Made]) -> Made:
         raise type(error)(f'{section}: {error.field}', error.value, error.allowed) from error
 
 
-def _numbers(section: str, content: Mapping[str, Any]) -> dict[str, float]:
-    """Return the numbers of a section."""
-    return {key: _number(f'{section}: {key}', value) for key, value in content.items()}
+def _numbers(
+    section: str, content: Mapping[str, Any], may_be_null: Sequence[str] = ()
+) -> dict[str, float]:
+    """Return the numbers of a section; null, where it is allowed, is as good as nothing."""
+    return {
+        key: _number(f'{section}: {key}', value)
+        for key, value in content.items()
+        if value is not None or key not in may_be_null
+    }
 
 
 def _section(name: str, content: object, allowed: tuple[str, ...]) -> Mapping[str, Any]:

@@ -11,6 +11,11 @@ from microhand_planner.core.parameters import check_number
 
 STIFFNESS_N_PER_M = 20.0
 """Of a finger, unless the station file says otherwise; real ones have 10 to 100 N/m."""
+CONTACT_RATE_UN_S = 20.0
+"""How fast the force of a finger that has touched may rise until its stage stops [µN/s].
+
+A contact is known some 15 ms later: then it is 0.3 µN, as much as grips leave for such things.
+"""
 
 
 @dataclass(frozen=True)
@@ -19,9 +24,9 @@ class ContactConfig:
 
     Parameters
     ----------
-    speed_um_s : float
-        Speed of a tip that is about to touch [µm/s]. Until the stage stops, it goes on for the
-        time that a contact report takes.
+    speed_um_s : float or None
+        Speed of a tip that is about to touch [µm/s]. It goes on until a contact is reported, and
+        the force rises. None: so fast that it rises by `CONTACT_RATE_UN_S` on the stiffest finger.
     standoff_um : float
         The slow approach begins so far before the planned contact [µm].
     overtravel_um : float
@@ -32,7 +37,7 @@ class ContactConfig:
         How fast forces are ramped [µN/s].
     """
 
-    speed_um_s: float = Touch.speed_um_s
+    speed_um_s: float | None = None
     standoff_um: float = Touch.standoff_um
     overtravel_um: float = Touch.overtravel_um
     tolerance_um: float = 0.4
@@ -40,7 +45,8 @@ class ContactConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_number('speed_um_s', self.speed_um_s, low=0.01, high=100.0)
+        if self.speed_um_s is not None:
+            check_number('speed_um_s', self.speed_um_s, low=0.01, high=100.0)
         check_number('standoff_um', self.standoff_um, low=0.01, high=100.0)
         check_number('overtravel_um', self.overtravel_um, low=0.01, high=100.0)
         check_number('tolerance_um', self.tolerance_um, low=0.001, high=100.0)
@@ -50,10 +56,10 @@ class ContactConfig:
             allowed = f'less than standoff_um, {self.standoff_um:g}'
             raise InvalidParameter('tolerance_um', self.tolerance_um, allowed)
 
-    @property
-    def touch(self) -> Touch:
-        """What the planner's time laws need of it."""
-        return Touch(self.speed_um_s, self.standoff_um, self.overtravel_um, self.force_rate_uN_s)
+    def touch(self, stiffest_uN_per_um: float) -> Touch:
+        """Return what time laws need of it, for fingers up to a stiffness [µN/µm]."""
+        speed_um_s = self.speed_um_s or CONTACT_RATE_UN_S / stiffest_uN_per_um
+        return Touch(speed_um_s, self.standoff_um, self.overtravel_um, self.force_rate_uN_s)
 
 
 @dataclass(frozen=True)

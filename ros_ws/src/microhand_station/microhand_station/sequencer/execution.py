@@ -38,7 +38,7 @@ from microhand_station.sequencer.twin_link import TwinLink
 
 CLOSE_RECORD_S = 10.0
 """Longest wait for the recorder to finish its file [s]."""
-CATCH_UP_S = 2.0
+CATCH_UP_S = 10.0
 """Longest wait for the twin to see the stages stand [s]."""
 STANDS_STILL_UM = 1e-3
 """A finger that is commanded to within this of where a run left it has not moved since [µm]."""
@@ -232,7 +232,7 @@ class Execution:
             self._release()
         for number, motion in enumerate(cleared.motions):
             commands = reference.commands(
-                motion.trajectory, self._standing_um(), self._config.contact.speed_um_s
+                motion.trajectory, self._standing_um(), self._config.touch.speed_um_s
             )
             check_travel(commands.tip_um, commands.velocity_um_s, cleared.limits)
             if any(motion.guarded):

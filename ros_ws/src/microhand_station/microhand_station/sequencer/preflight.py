@@ -105,7 +105,7 @@ class Preflight:
             plan,
             config.motion.pace(slowest_um_s),
             config.stiffness_uN_per_um,
-            config.contact.touch,
+            config.touch,
         )
         for trajectory in [approach, *(motion.trajectory for motion in pieces)]:
             if trajectory is not None:

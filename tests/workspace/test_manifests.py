@@ -17,7 +17,15 @@ ROSDEP_KEYS = {'python3-trimesh-pip': 'trimesh'}
 """Where the rosdep key is not python3-<module>."""
 FOR_TRIMESH = {'lxml', 'networkx'}
 """What trimesh imports to read 3MF and GLB files."""
-NOT_IN_ROSDEP = {'imageio_ffmpeg', 'mcap', 'mcap_ros2', 'mujoco', 'ruckig'}
+NOT_IN_ROSDEP = {
+    'imageio_ffmpeg',
+    'mcap',
+    'mcap_ros2',
+    'mujoco',
+    'ruckig',
+    'viser',
+    'websockets',
+}
 """docker/Dockerfile installs these by pip, from requirements/noble.txt."""
 
 

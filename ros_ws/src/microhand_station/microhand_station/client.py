@@ -119,6 +119,8 @@ class StationClient:
         Of its node.
     arguments : sequence of str, optional
         Command line with ROS arguments: names and parameters of the node.
+    pace_s : float
+        Rest after each callback [s]: whoever looks at topics by DISPLAY need not hear everything.
 
     Examples
     --------
@@ -136,6 +138,7 @@ class StationClient:
         *,
         name: str = 'microhand_client',
         arguments: Sequence[str] = (),
+        pace_s: float = 0.0,
     ) -> None:
         self._context = Context()
         rclpy.init(
@@ -151,6 +154,7 @@ class StationClient:
         self._met: set[str] = set()
         self._goal: Any = None
         self._closing = threading.Event()
+        self._pace_s = pace_s
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._spinner = threading.Thread(target=self._spin, name='station client')
@@ -343,6 +347,8 @@ class StationClient:
         """Spin until the client is closed."""
         while not self._closing.is_set():
             self._executor.spin_once(timeout_sec=SPIN_S)
+            if self._pace_s:
+                self._closing.wait(self._pace_s)
 
     def _meet(self, server: str, deadline_s: float) -> None:
         """Return when a node is known to answer this client."""

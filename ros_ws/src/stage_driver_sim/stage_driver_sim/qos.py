@@ -2,6 +2,7 @@
 """Quality of service of every topic of microhand, stated here and nowhere else.
 
 Publisher and subscriber of a topic use the same profile; all are reliable, nothing is sampled.
+Only a display may look at STATE topics by the profile DISPLAY.
 """
 
 from __future__ import annotations
@@ -35,3 +36,11 @@ LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
 DIAGNOSTICS = _reliable(10, DurabilityPolicy.VOLATILE)
 """``/diagnostics``, as the tools of ROS expect it."""
+
+DISPLAY = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of those who only look: the latest state, and no publisher ever waits for them."""

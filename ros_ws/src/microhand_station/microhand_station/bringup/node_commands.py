@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,10 @@ import yaml
 
 from microhand_planner.ros.conversions import UM_PER_M, UN_PER_N, m_from_um
 from microhand_station.config import FingerConfig, StationConfig
+from microhand_station.view.address import ViewAddress
 
+VIEW_ADDRESS_FILE = 'view_address'
+"""In the folder of a station: where its page is."""
 STATE_RATE_HZ = 100.0
 """Of every stage: each state is read by sequencer, twin and recorder, which costs more than
 all control loops together if it is doubled."""
@@ -47,17 +51,8 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
     folder : Path
         Of the station; the recorder writes its files there.
     """
-    root = f'/{config.namespace.strip("/")}'.rstrip('/')
-
-    def command(
-        name: str, module: str, parameters: Mapping[str, Any], namespace: str = '', *extra: str
-    ) -> NodeCommand:
-        path = folder / f'{name}.params.yaml'
-        path.write_text(yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}}), 'utf-8')
-        full = f'{root}{namespace}' or '/'
-        arguments = ('--ros-args', '-r', f'__ns:={full}', '--params-file', str(path), *extra)
-        return NodeCommand(name, module, arguments)
-
+    command = partial(_command, config, folder)
+    root = _root(config)
     for finger, stage in enumerate(config.fingers, start=1):
         yield command(
             f'finger_{finger}',
@@ -77,6 +72,47 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
         'microhand_station.sequencer.node',
         {'config': str(folder / 'station.yaml')},
     )
+
+
+def view_command(config: StationConfig, folder: Path, address: ViewAddress) -> NodeCommand:
+    """Write the parameter file of the live view, and return how to start it.
+
+    Parameters
+    ----------
+    config, folder
+        As in `node_commands`.
+    address : ViewAddress
+        Where the page shall be; its token goes by the environment.
+    """
+    parameters = {
+        'config': str(folder / 'station.yaml'),
+        'host': address.host,
+        'port': address.port,
+        'address_file': str(folder / VIEW_ADDRESS_FILE),
+    }
+    return _command(config, folder, 'view', 'microhand_station.view.view_node', parameters)
+
+
+def _command(
+    config: StationConfig,
+    folder: Path,
+    name: str,
+    module: str,
+    parameters: Mapping[str, Any],
+    namespace: str = '',
+    *extra: str,
+) -> NodeCommand:
+    """Write the parameter file of a node, and return how to start it."""
+    path = folder / f'{name}.params.yaml'
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}}), 'utf-8')
+    full = f'{_root(config)}{namespace}' or '/'
+    arguments = ('--ros-args', '-r', f'__ns:={full}', '--params-file', str(path), *extra)
+    return NodeCommand(name, module, arguments)
+
+
+def _root(config: StationConfig) -> str:
+    """Return what all names of a station begin with."""
+    return f'/{config.namespace.strip("/")}'.rstrip('/')
 
 
 def twin_parameters(config: StationConfig) -> dict[str, Any]:

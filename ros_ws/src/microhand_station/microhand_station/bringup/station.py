@@ -14,12 +14,18 @@ from microhand_planner.core.errors import BadRequest, RunFailed
 from microhand_planner.core.plan import FINGERS
 from microhand_station.bringup.lifecycle import activate
 from microhand_station.bringup.name_lock import names_taken
-from microhand_station.bringup.node_commands import node_commands
+from microhand_station.bringup.node_commands import (
+    VIEW_ADDRESS_FILE,
+    NodeCommand,
+    node_commands,
+    view_command,
+)
 from microhand_station.bringup.processes import NodeProcess, end_processes
 from microhand_station.bringup.signals import undisturbed
 from microhand_station.client import ANSWER_S, StationClient
 from microhand_station.config import StationConfig, write_config
 from microhand_station.service_call import POLL_S
+from microhand_station.view.address import TOKEN_VARIABLE, ViewAddress
 
 START_S = 30.0
 """Longest time for the nodes to be there [s]: Python, numba and discovery on a busy machine."""
@@ -38,6 +44,8 @@ class RunningStation:
         ROS domain; None: that of the environment.
     on_news : callable
         Told what happens, one sentence at a time.
+    view : ViewAddress, optional
+        Where to show the station in a browser; by default nowhere.
     """
 
     def __init__(
@@ -46,6 +54,7 @@ class RunningStation:
         folder: Path,
         domain_id: int | None,
         on_news: Callable[[str], None],
+        view: ViewAddress | None = None,
     ) -> None:
         self._config = config
         self._folder = folder
@@ -55,6 +64,9 @@ class RunningStation:
             **({} if domain_id is None else {'ROS_DOMAIN_ID': str(domain_id)}),
         }
         self._domain_id = domain_id
+        self._view = view
+        self.view_url = ''
+        """Where the page of the station is; empty: there is none."""
         self._processes: list[NodeProcess] = []
         self._mourned: set[str] = set()
         self._names = contextlib.ExitStack()
@@ -101,15 +113,7 @@ class RunningStation:
             ) from error
         with StationClient(self._config.namespace, self._domain_id) as client:
             for node in node_commands(self._config, self._folder):
-                self._processes.append(
-                    NodeProcess(
-                        node.name,
-                        node.module,
-                        node.arguments,
-                        self._folder / f'{node.name}.log',
-                        self._environment,
-                    )
-                )
+                self._launch(node)
             for finger in range(1, FINGERS + 1):
                 name = f'finger_{finger}'
                 self._wait_for(client, f'{name}/stage_driver')
@@ -123,11 +127,37 @@ class RunningStation:
             for name in ('planner', *twin, 'sequencer', 'recorder'):
                 self._wait_for(client, name)
             client.wait_until_ready(START_S)
+        if self._view is not None:
+            self._open_view(self._view)
+
+    def _launch(self, node: NodeCommand, **environment: str) -> None:
+        """Start a process."""
+        self._processes.append(
+            NodeProcess(
+                node.name,
+                node.module,
+                node.arguments,
+                self._folder / f'{node.name}.log',
+                {**self._environment, **environment},
+            )
+        )
+
+    def _open_view(self, address: ViewAddress) -> None:
+        """Start the view, and learn where its page is."""
+        file = self._folder / VIEW_ADDRESS_FILE
+        command = view_command(self._config, self._folder, address)
+        self._launch(command, **{TOKEN_VARIABLE: address.token})
+        self._wait_until(file.exists, 'view')
+        self.view_url = file.read_text(encoding='utf-8')
 
     def _wait_for(self, client: StationClient, name: str) -> None:
-        """Return when a node is there; raise if it does not come, or if its process ended."""
+        """Return when a node is there."""
+        self._wait_until(lambda: client.count_nodes(name) > 0, name)
+
+    def _wait_until(self, is_there: Callable[[], bool], name: str) -> None:
+        """Return when something is there; raise if it does not come, or if a process ended."""
         give_up_s = time.monotonic() + START_S
-        while client.count_nodes(name) == 0:
+        while not is_there():
             for process in self._processes:
                 if process.exit_status is not None:
                     raise RunFailed(

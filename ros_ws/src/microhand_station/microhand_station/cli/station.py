@@ -12,13 +12,45 @@ import click
 from microhand_station.bringup.signals import interruptible
 from microhand_station.bringup.station import RunningStation
 from microhand_station.cli.station_options import station_choice, station_options
+from microhand_station.view.address import (
+    DEFAULT_HOST,
+    DEFAULT_PORT,
+    TOKEN_RULE,
+    TOKEN_VARIABLE,
+    ViewAddress,
+)
 
 LOOK_S = 0.2
 
 
 @click.command()
 @station_options
-def station(**options: Any) -> None:
+@click.option('--view', is_flag=True, help='Show the station on a page in the browser.')
+@click.option(
+    '--view-port',
+    type=int,
+    metavar='PORT',
+    help=f'Of the page; 0: any that is free  [{DEFAULT_PORT}].',
+)
+@click.option(
+    '--view-host',
+    metavar='HOST',
+    help='Address of this machine that the page listens at; any but the default needs a token  '
+    f'[{DEFAULT_HOST}].',
+)
+@click.option(
+    '--view-token',
+    envvar=TOKEN_VARIABLE,
+    metavar='TOKEN',
+    help=f'Secret to open the page with: {TOKEN_RULE}; also by {TOKEN_VARIABLE}.',
+)
+def station(
+    view: bool,
+    view_port: int | None,
+    view_host: str | None,
+    view_token: str | None,
+    **options: Any,
+) -> None:
     r"""Run a simulated station: planner, sequencer, recorder and three stage drivers.
 
     Each is a process of its own, with its log in the folder of the run. Ctrl-C ends them all.
@@ -26,18 +58,29 @@ def station(**options: Any) -> None:
     \b
     Examples:
       microhand station
+      microhand station --view                # and a page that shows it, and asks it for runs
       microhand station --namespace left      # beside another one, by names
       microhand station --domain-id 7         # beside another one, by domain
     and then, in another terminal:
       ros2 service call /planner/list_objects microhand_msgs_py/srv/ListObjects
     """
     choice = station_choice('station', **options)
-    station = RunningStation(choice.config, choice.folder, choice.domain_id, _say)
+    address = None
+    if view or view_port is not None or view_host is not None:
+        address = ViewAddress(
+            DEFAULT_HOST if view_host is None else view_host,
+            DEFAULT_PORT if view_port is None else view_port,
+            view_token or '',
+        )
+    station = RunningStation(choice.config, choice.folder, choice.domain_id, _say, address)
     try:
         with interruptible(), station:
             root = f'/{choice.config.namespace.strip("/")}'.rstrip('/')
             _say(f'logs and records: {choice.folder}')
             _say(f'station ready: {root}/planner/plan_rotation, {root}/sequencer/reorient')
+            if address is not None:
+                hint = ' (add ?token=... the first time)' if address.token else ''
+                _say(f'view: {station.view_url}{hint}')
             while True:
                 station.look()
                 time.sleep(LOOK_S)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from microhand_planner.core.motions import Motion
-from microhand_planner.core.plan import Plan, StepKind
+from microhand_planner.core.plan import Plan, Step, StepKind
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,13 @@ class ProgressTeller:
             )
         )
         for begun in range(self._step + 1, step + 1):
-            self._on_step(f'step {begun + 1} of {len(self._plan.steps)}: {self._describe(begun)}')
+            what = describe_step(self._plan.steps[begun])
+            self._on_step(f'step {begun + 1} of {len(self._plan.steps)}: {what}')
         self._step = max(self._step, step)
 
-    def _describe(self, number: int) -> str:
-        """Say what a step does."""
-        step = self._plan.steps[number]
-        if step.kind is StepKind.ROLL:
-            return f'roll by {math.degrees(step.angle_rad):.1f}°'
-        return f'{step.kind.value} finger {step.finger}' if step.finger else step.kind.value
+
+def describe_step(step: Step) -> str:
+    """Say in a few words what a step does."""
+    if step.kind is StepKind.ROLL:
+        return f'roll by {math.degrees(step.angle_rad):.1f}°'
+    return f'{step.kind.value} finger {step.finger}' if step.finger else step.kind.value

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of the request form → what to ask the planner for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from microhand_planner.core.errors import BadRequest, InvalidNumber
+from microhand_planner.core.pose import FloatArray, Pose
+
+Triple = tuple[float, float, float]
+Quadruple = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class FormValues:
+    """The fields, as they were filled in.
+
+    Parameters
+    ----------
+    object_name : str
+        Catalogue name, or path of a mesh file.
+    unit_um : float
+        Length of one unit of the mesh file [µm]; 0: the catalogue's.
+    by_quaternion : bool
+        Which of the two rotations counts.
+    euler_zyz_deg : (3,) float
+        Rotation Rz(A) Ry(B) Rz(C) [deg], object frame.
+    quaternion_wxyz : (4,) float
+        Rotation, object frame.
+    translation_um : (3,) float
+        Station frame [µm].
+    afresh : bool
+        The object is put at the station's origin, wherever it is now.
+    """
+
+    object_name: str
+    unit_um: float = 0.0
+    by_quaternion: bool = False
+    euler_zyz_deg: Triple = (0.0, 0.0, 0.0)
+    quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
+    translation_um: Triple = (0.0, 0.0, 0.0)
+    afresh: bool = False
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object that fingers hold now.
+
+    Parameters
+    ----------
+    sha256 : str
+        Of the part.
+    pose : Pose
+        Station frame.
+    tip_um : (3, 3) float
+        Tips that hold it, station frame [µm]; NaN: free.
+    """
+
+    sha256: str
+    pose: Pose
+    tip_um: FloatArray
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be planned.
+
+    Parameters
+    ----------
+    object_name, unit_um
+        As in the form.
+    start, goal : Pose
+        Object in the station frame.
+    start_tip_um : (3, 3) float or None
+        Tips that hold it at the start; None: it is put there, and grasped.
+    """
+
+    object_name: str
+    unit_um: float
+    start: Pose
+    goal: Pose
+    start_tip_um: FloatArray | None
+
+
+def to_request(values: FormValues, sha256: str, held: Held | None) -> Request:
+    """Return what a filled-in form asks for.
+
+    The object goes on from where it is, if the fingers hold it; otherwise it is put at the
+    station's origin. The rotation is about its own frame, as everywhere: R_goal = R_start R.
+
+    Parameters
+    ----------
+    values : FormValues
+        The fields.
+    sha256 : str
+        Of the part that they name.
+    held : Held or None
+        What the fingers hold now.
+
+    Raises
+    ------
+    BadRequest
+        Names the field, its value and what is allowed.
+    """
+    if not values.object_name:
+        raise BadRequest('object', 'empty', 'a name of the catalogue, or the path of a mesh file')
+    turn = _rotation(values)
+    shift_um = np.asarray(values.translation_um)
+    if not np.all(np.isfinite(shift_um)):
+        raise InvalidNumber('translation', values.translation_um, 'three finite numbers')
+    goes_on = held is not None and held.sha256 == sha256 and not values.afresh
+    start = held.pose if held is not None and goes_on else Pose()
+    return Request(
+        object_name=values.object_name,
+        unit_um=values.unit_um,
+        start=start,
+        goal=Pose.of(np.asarray(start.position_um) + shift_um, start.rotation * turn),
+        start_tip_um=held.tip_um if held is not None and goes_on else None,
+    )
+
+
+def _rotation(values: FormValues) -> Rotation:
+    """Return the rotation that counts."""
+    if values.by_quaternion:
+        return Pose((0.0, 0.0, 0.0), values.quaternion_wxyz).rotation
+    if not all(math.isfinite(angle) for angle in values.euler_zyz_deg):
+        raise InvalidNumber('angles', values.euler_zyz_deg, 'three finite numbers')
+    return Rotation.from_euler('ZYZ', values.euler_zyz_deg, degrees=True)

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.errors import BadRequest, MicrohandError, NoPlan
+from microhand_planner.core.force_check import check_forces
 from microhand_planner.core.interruption import interruption
 from microhand_planner.core.offset_curve import offset_curve
-from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.plan_check import check_plan
 from microhand_planner.core.planar import solve_planar
 from microhand_planner.core.planar_problem import problem_from_dict
@@ -69,6 +70,20 @@ def test_contact_laws(friction, pull_off_uN, max_force_uN, adhesion):
         assert 0.0 <= law.friction <= 2.0
         assert 0.0 <= law.pull_off_uN < math.inf
         assert 0.0 < law.max_force_uN < math.inf
+
+
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(st.tuples(*[number(0.0, 1.0)] * 3, *[number(0.0, 100.0)] * 2))
+def test_rules_of_grips(values):
+    """Rules are in their ranges, or the number at fault is named."""
+    try:
+        rules = GripRules(*values)
+    except BadRequest as error:
+        spoken(error, {'margin', 'roll-margin', 'least-margin', 'grip', 'grip-tolerance'})
+    else:
+        assert 0.0 < rules.margin_factor <= 1.0
+        assert 0.0 < rules.roll_factor <= 1.0
+        assert all(0.0 < value < math.inf for value in vars(rules).values())
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
@@ -223,7 +238,8 @@ def test_problems_in_words(key, value, message):
 COARSE = ellipsoid((16.22, 11.586, 11.586), 3)
 FIELDS = {
     'friction', 'pull-off', 'max-force', 'finger-radius', 'clearance', 'step-deg', 'position',
-    'quaternion', 'angle', 'contact', 'start-tips',
+    'quaternion', 'angle', 'contact', 'start-tips', 'margin', 'roll-margin', 'least-margin',
+    'grip', 'grip-tolerance',
 }  # fmt: skip
 
 
@@ -239,6 +255,8 @@ def geometry_for(finger):
 RANGES = {
     'radius_um': (1.0, 20.0), 'clearance_um': (0.0, 5.0), 'friction': (0.05, 1.5),
     'pull_off_uN': (0.1, 5.0), 'max_force_uN': (0.1, 50.0), 'step_deg': (5.0, 90.0),
+    'margin': (0.3, 1.0), 'roll': (0.1, 1.0), 'least_uN': (1e-3, 0.3), 'grip_uN': (0.1, 20.0),
+    'off_uN': (1e-3, 1.0),
     **{f'{end}_{axis}': (-100.0, 100.0) for end in ('from', 'to') for axis in 'xyz'},
     **{f'{end}_q{axis}': (-1.0, 1.0) for end in ('from', 'to') for axis in 'wxyz'},
 }  # fmt: skip
@@ -273,6 +291,7 @@ def test_requests_end_in_a_plan_or_in_words(request_, changes, adhesion, mode):
             finger,
             ContactLaw(of['friction'], of['pull_off_uN'], of['max_force_uN'], adhesion),
             SearchOptions(math.radians(of['step_deg']), mode),
+            GripRules(of['margin'], of['roll'], of['least_uN'], of['grip_uN'], of['off_uN']),
             cancelled=lambda: next(calls) > 20,
         )
     except MicrohandError as error:
@@ -281,6 +300,7 @@ def test_requests_end_in_a_plan_or_in_words(request_, changes, adhesion, mode):
         assert goal_error_deg(plan) < 1e-6
         if mode is Mode.ROBUST:  # on the paper's lattice fingers slip unless it fits the section
             check_plan(plan)
+            check_forces(plan)
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)
@@ -315,5 +335,6 @@ def test_start_grasps_end_in_a_plan_or_in_words(phases, order, axis, changes):
         spoken(error, {'start-tips'})
     else:
         check_plan(plan)
+        check_forces(plan)
         held = np.all(np.isfinite(tips_um), axis=1)
         assert plan.steps[0].tip_um[0, held] == pytest.approx(tips_um[held], abs=0.1)

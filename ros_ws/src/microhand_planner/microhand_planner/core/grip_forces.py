@@ -96,9 +96,10 @@ class GripForces:
         """Return for each waypoint the forces of three fingers that are farthest from slipping."""
         share = self.rules.margin_factor if self.planned else 1.0
         friction = share * self.law.friction
+        most_uN = min(self.rules.nominal_grip_uN, self.law.max_force_uN)
         return np.stack(
             [
-                _firmest(at, out, friction, self.law.stick_uN, self.rules.nominal_grip_uN)
+                _firmest(at, out, friction, self.law.stick_uN, most_uN)
                 for at, out in zip(contact_um, normal, strict=True)
             ]
         )

@@ -133,7 +133,8 @@ class GripRules:
     margin_factor : float
         Removals are planned with this share of the friction.
     roll_factor : float
-        Rolling grips are planned with this share of the friction.
+        Rolling grips are planned with this share of the friction, or with that of removals where
+        it is less.
     least_margin_uN : float
         Distance to slipping, detaching and overload that a removal keeps, as a force [µN].
     nominal_grip_uN : float

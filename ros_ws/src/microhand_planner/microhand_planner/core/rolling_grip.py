@@ -82,7 +82,7 @@ def rolling_grips_uN(
         and the distance to slipping, detaching and overload with the friction of removals.
     """
     # where nothing sticks, the search has chosen contacts that hold with the friction of removals
-    share = rules.roll_factor if law.stick_uN > 0.0 else rules.margin_factor
+    share = min(rules.roll_factor if law.stick_uN > 0.0 else 1.0, rules.margin_factor)
     high_uN = np.array(
         [
             largest_grip_uN(at, out, share * law.friction, law.stick_uN, law.max_force_uN)

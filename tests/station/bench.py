@@ -234,7 +234,6 @@ class Run:
 def run(bench, plan):
     """Execute a plan and return all that could be seen of it."""
     watcher = bench.watcher
-    watcher.clear()
     begin_um = watcher.commands_um()
     told = []
     result = bench.execute(plan, told.append)

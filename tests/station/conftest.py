@@ -136,4 +136,5 @@ def first_run(started, sphere_plan):
     """Return all that can be seen of a run that goes well."""
     from tests.station.bench import run
 
+    started.make_ready()
     return run(started, sphere_plan(20.0))

@@ -51,7 +51,7 @@ def station(
     view_token: str | None,
     **options: Any,
 ) -> None:
-    r"""Run a simulated station: planner, sequencer, recorder and three stage drivers.
+    r"""Run a simulated station: planner, sequencer, recorder, three stage drivers and a twin.
 
     Each is a process of its own, with its log in the folder of the run. Ctrl-C ends them all.
 

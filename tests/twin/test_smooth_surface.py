@@ -12,7 +12,7 @@ from microhand_planner.core.parameters import Finger
 from microhand_planner.core.part import make_part
 from microhand_planner.core.section_curves import section_curves
 from microhand_twin.nearest_point import MOST_CONTACTS, touched_places
-from microhand_twin.object_shape import ellipsoid_of
+from microhand_twin.object_shape import contains, ellipsoid_of
 from microhand_twin.simulation import Simulation
 from microhand_twin.smooth_surface import smooth_surface
 from microhand_twin.surface_table import surface_table
@@ -151,6 +151,18 @@ def test_what_only_has_corners_on_an_ellipsoid_is_none(subdivisions):
     assert ellipsoid_of(make_part('polyhedron', ball.vertices, ball.faces)) is None
     assert ellipsoid_of(find_part('convex')) is None
     assert ellipsoid_of(find_part('concave')) is None
+
+
+def test_what_is_inside_is_told_from_what_is_not():
+    """Random points are inside an object of the catalogue exactly where its formula says."""
+    a, waist, flare, h = FORMULAS['concave']
+    points_um = np.random.default_rng(9).uniform(-40.0, 40.0, size=(200, 3))
+    x, y, z = points_um.T / [[a], [1.0], [h]]
+    depth = 1.0 - x**2 - (y / (waist + flare * x**2)) ** 2 - z**2
+    clear = np.abs(depth) > 0.01  # not between a facet and the formula
+    expected = depth[clear] > 0.0
+    assert 20 < expected.sum() < 180
+    assert np.array_equal(contains(find_part('concave'), points_um[clear]), expected)
 
 
 @pytest.mark.parametrize('axis', ['z', 'y'])

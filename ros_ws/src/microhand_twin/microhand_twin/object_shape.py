@@ -80,6 +80,31 @@ def ellipsoid_of(part: Part) -> Ellipsoid | None:
     return found if _farthest_off(found, middles_um) <= FACET_SHARE else None
 
 
+def contains(part: Part, points_um: FloatArray) -> NDArray[np.bool_]:
+    """Return which points (k, 3) are inside a part: its faces surround them [VanOosterom1983].
+
+    Parameters
+    ----------
+    part : Part
+        Any part; cavities are outside.
+    points_um : (k, 3) float
+        Object frame [µm].
+    """
+    inside = np.zeros(len(points_um), dtype=bool)
+    for number, point_um in enumerate(np.asarray(points_um, dtype=np.float64)):
+        corners = part.vertices_um[part.faces] - point_um
+        length = np.linalg.norm(corners, axis=2)
+        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+        volume = np.einsum('ij,ij->i', a, np.cross(b, c))
+        spread = length.prod(axis=1)
+        for one, other, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            cos = np.einsum('ij,ij->i', corners[:, one], corners[:, other])
+            spread = spread + cos * length[:, third]
+        solid_angle = 2.0 * np.arctan2(volume, spread).sum()
+        inside[number] = solid_angle > 2.0 * np.pi  # 4 pi inside, 0 outside
+    return inside
+
+
 def _order_along_coordinates(axes: FloatArray) -> NDArray[np.intp]:
     """Return the order in which axes (columns) are nearest to x, y and z, if there is one."""
     order = np.argmax(np.abs(axes), axis=1)

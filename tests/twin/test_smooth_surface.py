@@ -2,7 +2,9 @@
 """Smooth surfaces against formulas: where tips touch, and what stays sharp. Needs no ROS."""
 
 import functools
+from concurrent.futures import ThreadPoolExecutor
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -10,6 +12,7 @@ import trimesh
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.parameters import Finger
 from microhand_planner.core.part import make_part
+from microhand_planner.core.pose import Pose
 from microhand_planner.core.section_curves import section_curves
 from microhand_twin.nearest_point import MOST_CONTACTS, touched_places
 from microhand_twin.object_shape import contains, ellipsoid_of
@@ -192,3 +195,27 @@ def test_engine_and_patches_agree_on_an_ellipsoid(monkeypatch):
     )
     assert one.error_deg == pytest.approx(other.error_deg, abs=0.01)
     assert one.normal_uN == pytest.approx(other.normal_uN, abs=0.02)
+
+
+def test_other_models_and_other_threads_are_left_alone():
+    """Outside of the twin a box stays a box; inside, threads leave each other their contacts."""
+    box = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom type="box" size="1 1 1"/><body pos="0 0 1.4"><freejoint/>'
+        '<geom size="0.5"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(box)
+
+    def step_often(simulation):
+        for _ in range(200):
+            simulation.advance(simulation.command_um, 5e-5)
+        return simulation.contacts().touching.tolist()
+
+    simulations = [Simulation(build_world(find_part('convex'))) for _ in range(2)]
+    for simulation in simulations:
+        simulation.place(
+            Pose(), [[41.0, 0.0, 0.0], [-41.0, 0.0, 0.0], [0.0, 0.0, 500.0]], fixed=True
+        )
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(step_often, simulations)) == [[True, True, False]] * 2
+    mujoco.mj_forward(box, data)
+    assert data.contact.dist == pytest.approx([-0.1])

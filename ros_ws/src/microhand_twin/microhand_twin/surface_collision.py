@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,7 +39,7 @@ _FARTHEST = 1 << 20
 
 @contextmanager
 def smooth_contacts(active: bool) -> Iterator[None]:
-    """Let smooth surfaces take part in collisions within the block.
+    """Let smooth surfaces take part in collisions within the block. Any thread may.
 
     Parameters
     ----------
@@ -48,13 +49,39 @@ def smooth_contacts(active: bool) -> Iterator[None]:
     if not active:
         yield
         return
-    table = _collision_table()
-    usual = table[_SPHERE][_BOX]
-    table[_SPHERE][_BOX] = _collision_function().address
+    _users.enter()
     try:
         yield
     finally:
-        table[_SPHERE][_BOX] = usual
+        _users.leave()
+
+
+class _Users:
+    """Counts who is within `smooth_contacts`: the first changes the table, the last restores."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._number = 0
+        self._usual: int | None = None
+
+    def enter(self) -> None:
+        """Put our function into the table, if nobody has done so."""
+        table, ours = _collision_table(), _collision_function().address
+        with self._lock:
+            if not self._number:
+                self._usual = table[_SPHERE][_BOX]
+                table[_SPHERE][_BOX] = ours
+            self._number += 1
+
+    def leave(self) -> None:
+        """Put MuJoCo's own function back, if nobody else needs ours."""
+        with self._lock:
+            self._number -= 1
+            if not self._number:
+                _collision_table()[_SPHERE][_BOX] = self._usual
+
+
+_users = _Users()
 
 
 @functools.cache

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every stage promises, whatever is behind it; a new driver joins by one line in `MAKERS`."""
+"""What every stage promises, whatever is behind it; a new driver joins by one line in `MAKERS`.
+
+The test turns the clock. `test_driver_contract` asks the same of whole drivers, over DDS.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,10 @@ import numpy as np
 import pytest
 
 from stage_driver_sim.errors import InvalidNumber, NotAllowed, TravelExceeded
+from stage_driver_sim.faults import FaultyStage
+from stage_driver_sim.gcs.gcs_stage import GcsStage
+from stage_driver_sim.gcs.simulated_controller import SimulatedController
+from stage_driver_sim.gcs.syntax import CommandSplitter, ReplySplitter
 from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
 from stage_driver_sim.protocol import Stage
 from stage_driver_sim.simulated_stage import SimulatedStage
@@ -19,14 +26,45 @@ SETTLE_S = 0.2
 HOME_UM = np.array([50.0, 40.0, 60.0])
 
 
-def make_simulated_stage() -> Stage:
+class Wire:
+    """A connection to a simulated controller without a network: what is sent is executed."""
+
+    def __init__(self, controller: SimulatedController) -> None:
+        self._controller = controller
+        self._commands = CommandSplitter()
+        self._replies = ReplySplitter()
+
+    def exchange(self, data: bytes, replies: int, now_s: float) -> list[list[str]]:
+        """Have the controller execute commands now, and return its replies."""
+        answers = [self._controller.handle(line, now_s) for line in self._commands.feed(data)]
+        received = self._replies.feed(b''.join(answers))
+        assert len(received) == replies
+        return received
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def make_simulated_stage() -> SimulatedStage:
     """Return a simulated stage, powered up at time 0."""
     return SimulatedStage(
         REPRESENTATIVE_100_UM_XYZ, home_um=HOME_UM, rng=np.random.default_rng(5), now_s=0.0
     )
 
 
-MAKERS = [make_simulated_stage]
+def make_faulty_stage() -> Stage:
+    """Return a stage with which nothing goes wrong yet."""
+    return FaultyStage(make_simulated_stage())
+
+
+def make_gcs_stage() -> Stage:
+    """Return a stage behind a controller that speaks GCS."""
+    stage = make_simulated_stage()
+    wire = Wire(SimulatedController(stage))
+    return GcsStage(wire, axes=('1', '2', '3'), limits=stage.limits, now_s=0.0)
+
+
+MAKERS = [make_simulated_stage, make_faulty_stage, make_gcs_stage]
 
 
 @pytest.fixture(params=MAKERS, ids=lambda make: make.__name__)
@@ -145,3 +183,13 @@ def test_without_servo_it_does_not_follow(stage: Stage) -> None:
     with pytest.raises(NotAllowed):
         stage.command_um(HOME_UM + 1.0, 1.1)
     np.testing.assert_allclose(stage.measure_um(2.0), HOME_UM, atol=TOLERANCE_UM)
+
+
+def test_it_says_when_it_measured(stage: Stage) -> None:
+    """The time of a reading is not in the future, and goes on with the readings."""
+    stage.measure_um(1.5)
+    first_s = stage.measured_s
+    stage.measure_um(2.0)
+    assert first_s <= 1.5
+    assert first_s < stage.measured_s <= 2.0
+    stage.close()

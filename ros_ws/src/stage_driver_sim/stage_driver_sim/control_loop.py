@@ -15,8 +15,9 @@ from concurrent import futures
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from stage_driver_sim.controller import Event, Mode, Snapshot, StageController
+from stage_driver_sim.controller import StageController
 from stage_driver_sim.errors import StageError
+from stage_driver_sim.snapshot import Event, Mode, Snapshot
 
 ANSWER_TIMEOUT_S = 0.5
 """Longest wait for the loop to do what it is asked; usually it takes one period."""

@@ -11,16 +11,17 @@
 
        any but FAULT --stop--> STOPPED                           --reset--> HOLDING or OFF
        any           --refused chunk, stream run dry--> FAULT    --reset--> HOLDING or OFF
+       any           --stage fails or is silent-------> FAULT    --reset--> HOLDING
        STREAMING     --contact, stream is guarded-----> HOLDING
 
-Whatever ends a stream early, the command brakes along its path and then holds.
+Whatever ends a stream early, the command brakes along its path and then holds. A stage that fails
+is not commanded any more, because nobody knows where it is, until `reset` takes it over anew.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from stage_driver_sim.errors import (
     LeftoverChunk,
     NotAllowed,
     StageError,
+    StageFailed,
     StreamBroken,
 )
 from stage_driver_sim.protocol import Stage, StageLimits, Vector
@@ -41,20 +43,10 @@ from stage_driver_sim.setpoint_stream import (
     StreamCommand,
     accept_chunk,
 )
+from stage_driver_sim.snapshot import Event, Mode, Snapshot
 
 VELOCITY_FILTER_S = 0.005
 """Time constant of the velocity estimate: turns 1 nm of noise at 1 kHz into 0.4 µm/s."""
-
-
-class Mode(IntEnum):
-    """As in ``microhand_msgs_py/msg/StageState``."""
-
-    OFF = 0
-    HOLDING = 1
-    STREAMING = 2
-    HOMING = 3
-    STOPPED = 4
-    FAULT = 5
 
 
 @dataclass(frozen=True)
@@ -74,35 +66,6 @@ class ControllerSettings:
     deceleration_um_s2: float
     on_target_window_um: float
     on_target_dwell_s: float
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something worth remembering: becomes a ``RunEvent``."""
-
-    time_s: float
-    code: int
-    text: str
-
-
-@dataclass(frozen=True, eq=False)
-class Snapshot:
-    """What the stage does at one moment: becomes a ``StageState``."""
-
-    time_s: float
-    mode: Mode
-    position_um: Vector
-    velocity_um_s: Vector
-    command_um: Vector
-    on_target: bool
-    stream: int
-    received: int
-    underruns: int
-    dropped: int
-    error_code: int
-    error_msg: str
-    guard_tripped: bool
-    contact_um: Vector
 
 
 class StageController:
@@ -129,6 +92,7 @@ class StageController:
         self._name = name
         self._settings = settings
         self._mode = Mode.HOLDING
+        self._lost = False
         self._stream: SetpointStream | None = None
         self._brake: Brake | None = None
         self._guard = ContactGuard()
@@ -138,12 +102,9 @@ class StageController:
         self._error_code = 0
         self._error_msg = ''
         self._events: list[Event] = []
-        stage.set_servo(True, now_s)
-        self._last_um: Vector = stage.measure_um(now_s)
-        self._last_s = now_s
-        self._held_um = self._inside(self._last_um)
         self._velocity_um_s: Vector = np.zeros(3)
         self._in_window_since_s = math.inf
+        self._take_over(now_s)
 
     @property
     def limits(self) -> StageLimits:
@@ -163,19 +124,22 @@ class StageController:
         now_s : float
             Time [s].
         """
-        position_um = self._stage.measure_um(now_s)
-        self._guard.remember(now_s, position_um)
-        command_um = self._command_at(now_s)
-        if self._mode is not Mode.HOMING and self._stage.servo_on:
-            self._stage.command_um(command_um, now_s)
-        self._estimate_velocity(position_um, now_s)
+        command_um = self._held_um
+        try:
+            self._measure(now_s)
+            command_um = self._command_at(now_s)
+            if self._stage.servo_on and not self._lost and self._mode is not Mode.HOMING:
+                self._stage.command_um(command_um, now_s)
+        except StageError as error:
+            self._lose(error, now_s)
+            command_um = self._held_um
         return Snapshot(
-            time_s=now_s,
+            time_s=self._last_s,
             mode=self._mode,
-            position_um=position_um,
+            position_um=self._last_um,
             velocity_um_s=self._velocity_um_s,
             command_um=command_um,
-            on_target=self._is_on_target(position_um, command_um, now_s),
+            on_target=self._is_on_target(command_um),
             stream=0 if self._stream is None else self._stream.number,
             received=0 if self._stream is None else self._stream.received,
             underruns=self._underruns,
@@ -256,9 +220,17 @@ class StageController:
         self._mode = Mode.HOMING
 
     def reset(self, now_s: float) -> None:
-        """Forget a stop or a fault; without one it changes nothing."""
+        """Forget a stop or a fault; without one it changes nothing.
+
+        Raises
+        ------
+        StageFailed
+            The stage that failed still does.
+        """
         if self._mode not in (Mode.FAULT, Mode.STOPPED):
             return
+        if self._lost:
+            self._take_over(now_s)
         self._mode = Mode.HOLDING if self._stage.servo_on else Mode.OFF
         self._error_code = 0
         self._error_msg = ''
@@ -338,7 +310,10 @@ class StageController:
     def _end_motion(self, now_s: float) -> None:
         """Begin to brake from whatever moves the stage."""
         if self._mode is Mode.HOMING:
-            self._held_um = self._inside(self._stage.stop(now_s))
+            try:
+                self._held_um = self._inside(self._stage.stop(now_s))
+            except StageFailed:
+                self._lost = True  # the next tick says so
         elif self._mode is Mode.STREAMING and self._stream is not None:
             wanted = self._stream.command_at(now_s)
             if wanted.phase is not Phase.WAITING:
@@ -360,21 +335,45 @@ class StageController:
         inside_um: Vector = np.minimum(np.maximum(position_um, limits.lower_um), limits.upper_um)
         return inside_um
 
-    def _estimate_velocity(self, position_um: Vector, now_s: float) -> None:
-        """Low-pass the difference quotient of the readings."""
-        dt_s = now_s - self._last_s
+    def _take_over(self, now_s: float) -> None:
+        """Close the servo of a stage, and hold it where it is."""
+        self._stage.set_servo(True, now_s)
+        self._last_um = self._stage.measure_um(now_s)
+        self._last_s = self._stage.measured_s
+        self._held_um = self._inside(self._last_um)
+        self._lost = False
+
+    def _lose(self, error: StageError, now_s: float) -> None:
+        """Command nothing any more: the stage failed, and whether it moves is unknown."""
+        if self._lost and self._mode is Mode.FAULT:
+            return
+        self._lost = True
+        self._brake = None
+        self._held_um = self._inside(self._last_um)
+        self._velocity_um_s = np.zeros(3)
+        if self._mode is not Mode.FAULT:
+            self._mode = Mode.HOLDING  # there is no motion to end
+            self.fail(error, now_s)
+
+    def _measure(self, now_s: float) -> None:
+        """Take in where the stage is; low-pass the difference quotient of its readings."""
+        position_um = self._stage.measure_um(now_s)
+        measured_s = self._stage.measured_s
+        self._guard.remember(measured_s, position_um)
+        dt_s = measured_s - self._last_s
         if dt_s > 0.0:
             share = -math.expm1(-dt_s / VELOCITY_FILTER_S)
             quotient_um_s = (position_um - self._last_um) / dt_s
             self._velocity_um_s = self._velocity_um_s + share * (
                 quotient_um_s - self._velocity_um_s
             )
-            self._last_um, self._last_s = position_um, now_s
+        self._last_um, self._last_s = position_um, measured_s
 
-    def _is_on_target(self, position_um: Vector, command_um: Vector, now_s: float) -> bool:
-        away_um = float(np.abs(position_um - command_um).max())
-        if not self._stage.servo_on or away_um > self._settings.on_target_window_um:
+    def _is_on_target(self, command_um: Vector) -> bool:
+        away_um = float(np.abs(self._last_um - command_um).max())
+        near = away_um <= self._settings.on_target_window_um
+        if not near or self._lost or not self._stage.servo_on:
             self._in_window_since_s = math.inf
             return False
-        self._in_window_since_s = min(self._in_window_since_s, now_s)
-        return now_s - self._in_window_since_s >= self._settings.on_target_dwell_s
+        self._in_window_since_s = min(self._in_window_since_s, self._last_s)
+        return self._last_s - self._in_window_since_s >= self._settings.on_target_dwell_s

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from stage_driver_sim.chunk import Chunk
 from stage_driver_sim.contact_guard import ContactReport
-from stage_driver_sim.controller import Event, Snapshot
 from stage_driver_sim.errors import InvalidParameter
 from stage_driver_sim.protocol import StageLimits, Vector
+from stage_driver_sim.snapshot import Event, Snapshot
 
 UM_PER_M = 1e6
 NS_PER_S = 1_000_000_000

@@ -6,7 +6,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from stage_driver_sim.control_loop import LoopTiming
-from stage_driver_sim.controller import Mode, Snapshot
+from stage_driver_sim.snapshot import Mode, Snapshot
 
 
 def stage_status(

@@ -14,12 +14,13 @@ from collections.abc import Callable
 from functools import partial, wraps
 from typing import Any, TypeVar
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk, StageState, TipContact
 from microhand_msgs_py.srv import Command, GetStageLimits, SetServo
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 
 from stage_driver_sim import qos
 from stage_driver_sim.control_loop import ControlLoop, LoopTiming
@@ -36,13 +37,15 @@ from stage_driver_sim.diagnostics import stage_status
 from stage_driver_sim.driver_parameters import (
     DriverParameters,
     declare_parameters,
+    read_fault,
     read_parameters,
 )
 from stage_driver_sim.errors import StageError
-from stage_driver_sim.protocol import Stage
+from stage_driver_sim.faults import FaultyStage
+from stage_driver_sim.remote_stage import RemoteStage
 from stage_driver_sim.reporter import Reporter
 from stage_driver_sim.run_node import run_node
-from stage_driver_sim.simulated_stage import SimulatedStage
+from stage_driver_sim.stage_choice import power_up
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SWITCH_INTERVAL_S = 0.0005
@@ -80,7 +83,7 @@ class StageDriverNode(LifecycleNode):
         super().__init__('stage_driver', **node_options)
         declare_parameters(self)
         self._configured: DriverParameters | None = None
-        self._stage: Stage | None = None
+        self._stage: FaultyStage | RemoteStage | None = None
         self._loop: ControlLoop | None = None
         self._clock_map = ClockMap(0)
         self._reporter: Reporter | None = None
@@ -98,6 +101,8 @@ class StageDriverNode(LifecycleNode):
         self.create_service(SetServo, '~/set_servo', self._on_set_servo)
         self.create_service(GetStageLimits, '~/get_limits', self._on_get_limits)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+        self.add_on_set_parameters_callback(self._check_fault)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
         # rclpy lets a transition that does not exist in the present state end the process.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
@@ -109,11 +114,14 @@ class StageDriverNode(LifecycleNode):
             self.get_logger().error('use_sim_time is true; allowed: false')
             return TransitionCallbackReturn.FAILURE
         try:
+            fault = read_fault(self)
             self._configured = read_parameters(self)
             self._stage = _power_up(self._configured)
         except StageError as error:
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
+        if isinstance(self._stage, FaultyStage):
+            self._stage.set_fault(fault, time.monotonic())
         return super().on_configure(state)
 
     @_logged
@@ -122,12 +130,16 @@ class StageDriverNode(LifecycleNode):
         if self._configured is None or self._stage is None:
             return TransitionCallbackReturn.FAILURE
         self._clock_map = ClockMap(self.get_clock().now().nanoseconds - time.monotonic_ns())
-        controller = StageController(
-            self._stage,
-            name=f'finger_{self._configured.finger}',
-            settings=self._configured.settings,
-            now_s=time.monotonic(),
-        )
+        try:
+            controller = StageController(
+                self._stage,
+                name=f'finger_{self._configured.finger}',
+                settings=self._configured.settings,
+                now_s=time.monotonic(),
+            )
+        except StageError as error:
+            self.get_logger().error(f'the stage cannot be taken over: {error}')
+            return TransitionCallbackReturn.FAILURE
         self._loop = ControlLoop(controller, period_s=self._configured.control_period_s)
         report = partial(self._report, self._loop, f'finger_{self._configured.finger}_base')
         self._reporter = Reporter(report, period_s=self._configured.state_period_s)
@@ -163,8 +175,10 @@ class StageDriverNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Bring the stage to rest, then destroy the node."""
+        """Bring the stage to rest, let go of it as it stands, then destroy the node."""
         self._end_loop()
+        if self._stage is not None:
+            self._stage.close()
         super().destroy_node()
 
     def _end_loop(self) -> None:
@@ -175,9 +189,34 @@ class StageDriverNode(LifecycleNode):
 
     def _power_down(self) -> None:
         if self._stage is not None:
-            self._stage.set_servo(False, time.monotonic())
+            try:
+                self._stage.set_servo(False, time.monotonic())
+            except StageError as error:
+                self.get_logger().warning(f'the servo could not be switched off: {error}')
+            self._stage.close()
         self._stage = None
         self._configured = None
+
+    def _check_fault(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse to let a stage go wrong that is not simulated."""
+        driver = self.get_parameter('driver').value
+        for parameter in parameters:
+            if parameter.name == 'fault' and parameter.value != 'none' and driver != 'simulated':
+                reason = f'fault is {parameter.value!r}; allowed with driver {driver}: none'
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        """Let the stage do wrong what it shall."""
+        stage = self._stage
+        if not isinstance(stage, FaultyStage):
+            return
+        if any(parameter.name.startswith('fault') for parameter in parameters):
+            fault = read_fault(self)
+            if self._loop is None:
+                stage.set_fault(fault, time.monotonic())
+            else:
+                self._loop.tell(lambda _, now_s: stage.set_fault(fault, now_s))
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
@@ -268,15 +307,9 @@ class StageDriverNode(LifecycleNode):
         self._diagnostics.publish(array)
 
 
-def _power_up(parameters: DriverParameters) -> Stage:
+def _power_up(parameters: DriverParameters) -> FaultyStage | RemoteStage:
     """Return the stage that the parameters describe."""
-    return SimulatedStage(
-        parameters.axes,
-        home_um=parameters.home_um,
-        rng=np.random.default_rng([parameters.seed, parameters.finger]),
-        now_s=time.monotonic(),
-        hardware_id=parameters.hardware_id,
-    )
+    return power_up(parameters, time.monotonic())
 
 
 def main() -> None:

@@ -191,7 +191,7 @@ def step(
     rng: np.random.Generator,
     *,
     servo_on: bool = True,
-    slew_um_s: float = math.inf,
+    slew_um_s: float | Vector = math.inf,
 ) -> ModelState:
     """Return the state `samples` sampling periods later, the command being constant meanwhile.
 
@@ -211,7 +211,7 @@ def step(
         Source of the sensor noise: three numbers per sample.
     servo_on : bool
         Whether the loop is closed.
-    slew_um_s : float
+    slew_um_s : float or (3,) ndarray
         A slower slew limit for this step [µm/s].
 
     Raises
@@ -223,7 +223,8 @@ def step(
         raise InvalidParameter(f'samples is {samples}; allowed: an integer >= 0')
     command_um = np.array(command_um, dtype=np.float64)
     noise = rng.standard_normal((samples, 3))
-    return _advance(model, state, command_um, noise, servo_on, slew_um_s * SAMPLE_S)
+    slew_um = np.minimum(model.slew_um, np.multiply(slew_um_s, SAMPLE_S))
+    return _advance(model, state, command_um, noise, servo_on, slew_um)
 
 
 def creep_on(model: StageModel, state: ModelState, duration_s: float) -> ModelState:
@@ -253,7 +254,7 @@ def _advance(
     command_um: Vector,
     noise: Array,
     servo_on: bool,
-    slew_um: float,
+    slew_um: Vector,
 ) -> ModelState:
     """Carry on sample by sample; `noise` (n, 3) in standard deviations."""
     position_um = state.position_um.copy()
@@ -273,7 +274,7 @@ def _advance(
         gain, pole, a1, a2 = model.servo[axis]
         xx, xv, vx, vv = model.mechanics[axis]
         lowest, highest = model.voltage_um[axis]
-        slew = min(model.slew_um[axis], slew_um)
+        slew = slew_um[axis]
         target = command_um[axis]
         if servo_on:
             target = min(max(target, model.lower_um[axis]), model.upper_um[axis])

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stage_driver_sim.axis_parameters import AxisParameters
 from stage_driver_sim.errors import InvalidParameter, NotAllowed
@@ -85,6 +86,7 @@ class SimulatedStage:
         self._samples = 0
         self._servo_on = False
         self._homing = False
+        self._slew_um_s: Vector = np.full(3, math.inf)
 
     @property
     def hardware_id(self) -> str:
@@ -105,6 +107,16 @@ class SimulatedStage:
     def measured_s(self) -> float:
         """When the latest reading was taken [s]."""
         return self._now_s
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which axes have not been led to their target yet, (3,)."""
+        return np.abs(self._state.reference_um - self._target_um) > ARRIVED_UM
+
+    def limit_velocity(self, velocity_um_s: Vector, now_s: float) -> None:
+        """Move no faster than this from now on, per axis [µm/s]; infinite: as fast as it can."""
+        self._advance(now_s)
+        self._slew_um_s = np.array(velocity_um_s, dtype=np.float64)
 
     def set_servo(self, enabled: bool, now_s: float) -> None:
         """Close or open the loop; open, the amplifier keeps its voltage, the stage its place."""
@@ -177,8 +189,6 @@ class SimulatedStage:
             samples,
             self._rng,
             servo_on=self._servo_on,
-            slew_um_s=HOMING_VELOCITY_UM_S if self._homing else math.inf,
+            slew_um_s=HOMING_VELOCITY_UM_S if self._homing else self._slew_um_s,
         )
-        if self._homing:
-            away_um = np.abs(self._state.reference_um - self._target_um)
-            self._homing = bool((away_um > ARRIVED_UM).any())
+        self._homing = self._homing and bool(self.moving.any())

@@ -25,8 +25,8 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
 
+from microhand_station.analysis.run import Run
 from microhand_station.recording.recover import recover
-from microhand_station.recording.run_reader import Run
 from stage_driver_sim.qos import EVENTS, LATCHED, SETPOINTS, STATE
 
 DEADLINE_S = 20.0
@@ -207,7 +207,10 @@ def test_every_setpoint_of_a_run_is_recorded_in_order(station, start_recorder, t
     assert run.end == 'complete'
     assert sum(run.counts.values()) == stopped.messages
     assert run.metadata['metadata_json'] == metadata
-    assert run.plan['object_name'] == 'ellipsoid'
+    with path.open('rb') as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        plans = [found for *_, found in reader.iter_decoded_messages(topics=['/lab/plan'])]
+    assert [found.object_name for found in plans] == ['ellipsoid']
     assert run.counts['/lab/sequencer/state'] == 1, 'latched before the run, kept in the record'
     assert [run.counts[f'/lab/finger_{finger}/state'] for finger in (1, 2, 3)] == [400] * 3
     assert any(event.text.startswith('recording ') for event in run.events)

@@ -16,7 +16,7 @@ setup(
     maintainer_email='maintainers@microhand.example',
     python_requires='>=3.10',
     packages=find_packages(),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'analysis/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

@@ -14,7 +14,19 @@ import click
 
 from microhand_planner.core.errors import MicrohandError
 
-COMMANDS = ('plan', 'planar', 'verify', 'station', 'demo', 'recover', 'reproduce', 'bench')
+COMMANDS = (
+    'plan',
+    'planar',
+    'verify',
+    'station',
+    'demo',
+    'analyze',
+    'replay',
+    'export',
+    'recover',
+    'reproduce',
+    'bench',
+)
 """Each is the function of that name in the module of that name beside this one."""
 
 BAD_REQUEST = 2

@@ -16,6 +16,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from microhand_planner.core.plan_file import write_plan
 from microhand_planner.core.pose import Pose
+from microhand_station.analysis.report import write_report
+from microhand_station.analysis.run import Run
 from microhand_station.bringup.signals import interruptible
 from microhand_station.bringup.station import RunningStation
 from microhand_station.cli.answer import answer, json_option, news_console
@@ -28,8 +30,6 @@ from microhand_station.client import (
     StationClient,
     StationError,
 )
-from microhand_station.recording.report import write_report
-from microhand_station.recording.run_reader import Run
 
 KEYS = (*PLAN_KEYS, 'mcap', 'report', 'held', 'final_error_deg')
 STATION_KEYS = ('config', 'namespace', 'domain_id', 'run_dir', 'speed')
@@ -104,7 +104,7 @@ def _run(request: Request, choice: StationChoice, as_json: bool, known: dict[str
         for trouble in station.troubles:
             console.print(trouble)
         if done is not None:
-            known.update(_result(request, choice.folder, found, done, known))
+            known.update(_result(choice.folder, done))
         if failure is not None:
             if known.get('report') is not None:
                 console.print(f'report  {known["report"]}', soft_wrap=True)
@@ -145,13 +145,7 @@ def _execute(
         return done, None
 
 
-def _result(
-    request: Request,
-    folder: Path,
-    found: PlanAnswer,
-    done: ExecutionResult,
-    of_plan: Mapping[str, Any],
-) -> dict[str, Any]:
+def _result(folder: Path, done: ExecutionResult) -> dict[str, Any]:
     """Write the report and return what the demonstration says of the execution."""
     error_rad = done.final_error_rad
     result: dict[str, Any] = {
@@ -164,10 +158,7 @@ def _result(
     }
     if done.record_file is not None:
         report = folder / 'report.html'
-        goal = found.plan.goal.rotation.as_euler('ZYZ', degrees=True)
-        asked = 'R(z, {:.4g}°) R(y, {:.4g}°) R(z, {:.4g}°)'.format(*goal)
-        summary = {'object': request.object_name, 'request': asked, **of_plan, **result}
-        write_report(Run.open(done.record_file), report, summary)
+        write_report(Run.open(done.record_file), report)
         result['report'] = str(report)
     return result
 

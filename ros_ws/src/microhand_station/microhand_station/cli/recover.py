@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
-from microhand_station.cli.answer import answer, json_option, news_console
+from microhand_station.cli.answer import answer, json_option
+from microhand_station.cli.reading import reading
 from microhand_station.recording.recover import recover as recover_record
 
 
@@ -29,16 +29,8 @@ def recover(broken: Path, out: Path, as_json: bool) -> None:
     """
 
     def work() -> dict[str, Any]:
-        columns = (TextColumn('reading'), BarColumn(), DownloadColumn())
-        console = news_console(as_json)
-        shown = console.is_terminal
-        with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
-            task = progress.add_task('reading')
-            messages = recover_record(
-                broken,
-                out,
-                lambda done, total: progress.update(task, completed=done, total=total),
-            )
+        with reading('reading', as_json) as progress:
+            messages = recover_record(broken, out, progress)
         return {'messages': messages, 'file': str(out)}
 
     answer(as_json, ('messages', 'file'), work, _show)

@@ -66,8 +66,10 @@ def test_a_fault_carries_the_drivers_words():
     assert (code, text) == (ErrorCode.STAGE_FAULT, 'finger 2: z: stuck at 12 µm')
     code, _ = fault(mode=Mode.FAULT, error_code=303, error_msg='ran dry')
     assert code == ErrorCode.STREAM_BROKEN
-    code, _ = fault(mode=Mode.FAULT, error_code=310, error_msg='nobody reports contacts')
-    assert code == ErrorCode.NO_CONTACT
+    code, text = fault(
+        mode=Mode.FAULT, error_code=310, error_msg='finger_2: nobody reports contacts'
+    )
+    assert (code, text) == (ErrorCode.NO_CONTACT, 'finger 2: nobody reports contacts')
     code, text = fault(mode=Mode.STOPPED)
     assert (code, text) == (ErrorCode.STAGE_FAULT, 'finger 2: its stage is stopped')
 

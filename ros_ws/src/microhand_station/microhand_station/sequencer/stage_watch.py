@@ -102,8 +102,10 @@ def check_alive(reports: Sequence[StageReport | None], now_s: float) -> None:
             )
         if report.mode is Mode.FAULT:
             code = report.error_code or STAGE_FAULT
+            # drivers begin with their own name for the finger
+            text = report.error_msg.removeprefix(f'finger_{finger}: ')
             raise RunFailed(
-                f'finger {finger}: {report.error_msg or "its stage reports a fault"}',
+                f'finger {finger}: {text or "its stage reports a fault"}',
                 code if code in (STREAM_BROKEN, NO_CONTACT) else STAGE_FAULT,
             )
         if report.mode in (Mode.OFF, Mode.STOPPED):

@@ -2,8 +2,12 @@
 """The command line: exit statuses, one line per mistake, JSON for programs. Nothing moves."""
 
 import json
+import os
+import select
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -25,6 +29,7 @@ PLAN_KEYS = {
     'planning_time_s',
     'plan_hash',
     'tightest',
+    'price_of_margin',
 }
 PROBLEM = {
     'ellipse_um': [16.22, 11.586],
@@ -174,6 +179,101 @@ def test_no_plan_and_out_of_time_are_told_apart(run):
     assert len(stderr.splitlines()) == 1
     status, stdout, stderr = run(*request, '--step-deg', 0.5, '--time-limit', 1e-6)
     assert (status, json.loads(stdout)['status']) == (3, 'time_limit')
+
+
+def test_the_price_of_margin_is_told_with_the_plan_and_without_one(run):
+    """Costs for five margin factors and the one asked for, also where the latter has no plan."""
+    request = ['plan', 'ellipsoid', '--euler-zyz', 40, 110, 30, '--price-of-margin']
+    status, stdout, stderr = run(*request, '--json')
+    result = json.loads(stdout)
+    assert (status, stderr) == (0, '')
+    rows = result['price_of_margin']
+    assert [row['margin_factor'] for row in rows] == [1.0, 0.9, 0.8, 0.7, 0.6]
+    costs = [row['cost_deg'] or np.inf for row in rows]
+    assert costs == sorted(costs)
+    assert rows[2]['cost_deg'] == result['cost_deg']
+    assert rows[2]['tightest_uN'] == result['tightest']['margin_uN']
+    assert all(row['motion_s'] > 5.0 for row in rows if row['cost_deg'])
+    status, stdout, _ = run(*request, '--margin', 0.65, '--json')
+    result = json.loads(stdout)
+    assert (status, result['status']) == (3, 'no_plan_exists')
+    assert [row['margin_factor'] for row in result['price_of_margin']][4] == 0.65
+    status, stdout, stderr = run(*request, '--margin', 0.65)
+    assert status == 3
+    assert stdout.count('no plan') == 3
+    assert stderr.count('microhand: ') == 1
+    status, _, stderr = run(*request, '--mode', 'paper')
+    assert (status, 'price-of-margin is asked for in paper mode' in stderr) == (2, True)
+
+
+class Terminal:
+    """`microhand` with a terminal as stderr, in a process of its own."""
+
+    def __init__(self, *arguments):
+        self._reader, writer = os.openpty()
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'microhand_station.cli.app', *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=writer,
+            text=True,
+        )
+        os.close(writer)
+        self.shown = ''
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+        os.close(self._reader)
+
+    def read_until(self, text, deadline_s=90.0):
+        """Read what is shown until `text` is among it, or the end."""
+        give_up_s = time.monotonic() + deadline_s
+        while text is None or text not in self.shown:
+            ready, _, _ = select.select([self._reader], [], [], give_up_s - time.monotonic())
+            assert ready, f'{text} was not shown in {deadline_s} s: {self.shown}'
+            try:
+                self.shown += os.read(self._reader, 4096).decode(errors='replace')
+            except OSError:  # the other side has ended
+                assert text is None, self.shown
+                return
+
+
+def test_people_see_what_is_being_done():
+    """At a terminal: reading, cutting, searching, and for how long; the result stays on stdout."""
+    with Terminal('plan', 'ellipsoid', '--euler-zyz', 0, 0, 40) as terminal:
+        terminal.read_until(None)
+        stdout = terminal.process.stdout.read()
+        for words in ('reading ellipsoid', 'cutting the sections of ellipsoid', 'searching'):
+            assert words in terminal.shown
+        assert '0:00:0' in terminal.shown
+        assert 'searching' not in stdout
+        assert terminal.process.wait() == 0
+    with Terminal('plan', 'ellipsoid', '--euler-zyz', 0, 0, 40, '--json') as terminal:
+        terminal.read_until(None)
+        assert terminal.shown == '', 'programs see nothing but JSON'
+
+
+def test_a_search_ends_when_the_user_interrupts_it(tmp_path):
+    """Ctrl-C during a search that takes minutes: one line, exit status 130.
+
+    Long, slippery, without adhesion, and in fine steps: there is no dearer request.
+    """
+    path = tmp_path / 'long.ply'
+    sphere = trimesh.creation.icosphere(subdivisions=4)
+    trimesh.Trimesh(sphere.vertices * (30.0, 12.0, 12.0), sphere.faces).export(path)
+    request = ['plan', path, '--euler-zyz', 80, 220, 100, '--step-deg', 1, '--no-adhesion']
+    with Terminal(*request, '--friction', 0.5) as terminal:
+        terminal.read_until('searching')
+        terminal.process.send_signal(signal.SIGINT)
+        terminal.read_until(None)
+        stdout = terminal.process.stdout.read()
+        assert (terminal.process.wait(), stdout) == (130, '')
+        assert 'microhand: interrupted' in terminal.shown
+        assert 'Traceback' not in terminal.shown
 
 
 def test_planar_answers_with_a_path_of_the_papers_grasps(run, tmp_path):

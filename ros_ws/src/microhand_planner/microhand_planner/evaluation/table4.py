@@ -46,8 +46,9 @@ class Table4Row:
         Placements and removals; None: no path available, proven.
     cost_deg : float or None
         Cost of the path [deg].
-    expanded : int
-        States expanded; the paper's 'visited'.
+    expanded, waiting : int
+        States expanded, and still waiting in the queue at the end; the paper's 'visited' and 'to
+        be visited'. An exhaustive search leaves none waiting.
     time_s : float
         Wall time of the search, contact points included [s].
     paper : RotationSearch
@@ -62,6 +63,7 @@ class Table4Row:
     reconfigurations: int | None
     cost_deg: float | None
     expanded: int
+    waiting: int
     time_s: float
     paper: RotationSearch
 
@@ -135,6 +137,7 @@ def _row(
         reconfigurations=None if planned is None else planned.reconfigurations,
         cost_deg=None if planned is None else planned.cost_ndeg / NDEG,
         expanded=expanded,
+        waiting=getattr(planned, 'waiting', 0),
         time_s=clock() - started,
         paper=paper,
     )

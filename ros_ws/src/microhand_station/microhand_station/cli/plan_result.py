@@ -46,7 +46,8 @@ def _tightest(plan: Plan) -> dict[str, Any] | None:
 def show_plan(console: Console, result: dict[str, Any]) -> None:
     """Print the rotations of a plan and their sums."""
     table = Table(box=None, pad_edge=False, header_style='dim')
-    for heading in ('rotation', 'axis', 'angle', 'cost', 'regrasps', 'expanded', 'time'):
+    headings = ('rotation', 'axis', 'angle', 'cost', 'regrasps', 'expanded', 'waiting', 'time')
+    for heading in headings:
         table.add_column(heading, justify='left' if heading == 'axis' else 'right')
     for number, rotation in enumerate(result['rotations'], start=1):
         table.add_row(
@@ -56,6 +57,7 @@ def show_plan(console: Console, result: dict[str, Any]) -> None:
             f'{rotation["cost_deg"]:.0f}°',
             str(rotation['reconfigurations']),
             str(rotation['expanded']),
+            str(rotation['waiting']),
             f'{1e3 * rotation["time_s"]:.1f} ms',
         )
     console.print(table)
@@ -76,3 +78,23 @@ def show_plan(console: Console, result: dict[str, Any]) -> None:
             soft_wrap=True,
         )
     console.print(f'plan {result["plan_hash"]}', style='dim', soft_wrap=True)
+
+
+def show_prices(console: Console, rows: list[dict[str, Any]]) -> None:
+    """Print what margins cost: one line per margin factor."""
+    table = Table(box=None, pad_edge=False, header_style='dim', title_justify='left')
+    for heading in ('margin', 'cost', 'regrasps', 'motion', 'tightest'):
+        table.add_column(heading, justify='right')
+    for row in rows:
+        if row['cost_deg'] is None:
+            cells = ['no plan' if row['proven'] else 'time limit', '', '', '']
+        else:
+            cells = [
+                f'{row["cost_deg"]:.0f}°',
+                str(row['reconfigurations']),
+                f'{row["motion_s"]:.1f} s',
+                f'{row["tightest_uN"]:.2f} µN',
+            ]
+        table.add_row(f'{row["margin_factor"]:g}', *cells)
+    console.print('\nThe price of margin: the same, planned with other shares of the friction')
+    console.print(table)

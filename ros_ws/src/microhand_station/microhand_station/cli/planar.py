@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import click
 from rich.console import Console
 
 from microhand_planner.core.errors import BadRequest, NoPlanExists
-from microhand_planner.core.planar import solve_planar
-from microhand_planner.core.planar_problem import problem_from_dict
+from microhand_planner.core.interruption import interruption
+from microhand_planner.core.planar import PlanarAnswer, solve_planar
+from microhand_planner.core.planar_problem import PlanarProblem, problem_from_dict
 from microhand_planner.core.search_result import Outcome
 from microhand_station.cli.answer import answer, json_option
+from microhand_station.cli.spinner import interruptible, spinner
 
 KEYS = ('cost_deg', 'reconfigurations', 'path', 'expanded', 'time_s')
 
@@ -38,10 +41,10 @@ def planar(problem: Path, as_json: bool) -> None:
       {"finger_radius_um": 4.5, "friction": 0.3, "pull_off_uN": 1.5,
        "max_force_uN": 30, "adhesion": true}
     """
-    answer(as_json, KEYS, lambda: _solve(problem), _show)
+    answer(as_json, KEYS, lambda: _solve(problem, as_json), _show)
 
 
-def _solve(path: Path) -> dict[str, Any]:
+def _solve(path: Path, as_json: bool) -> dict[str, Any]:
     """Read a problem and solve it."""
     try:
         content = json.loads(path.read_text(encoding='utf-8'))
@@ -51,7 +54,9 @@ def _solve(path: Path) -> dict[str, Any]:
         raise BadRequest('problem', f'{path} ({error})', 'a JSON file') from error
     problem = problem_from_dict(content)
     began_s = time.monotonic()
-    found = solve_planar(problem)
+    with spinner(as_json) as say:
+        say('searching')
+        found = interruptible(lambda stop: _searched(problem, stop))
     if found.outcome is not Outcome.FOUND:
         raise NoPlanExists(
             f'no path exists: all {found.expanded} states that can be reached were searched',
@@ -64,6 +69,12 @@ def _solve(path: Path) -> dict[str, Any]:
         'expanded': found.expanded,
         'time_s': time.monotonic() - began_s,
     }
+
+
+def _searched(problem: PlanarProblem, stop: Callable[[], bool]) -> PlanarAnswer:
+    """Search until the user interrupts."""
+    with interruption(None, stop, time.monotonic) as flag:
+        return solve_planar(problem, flag)
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:

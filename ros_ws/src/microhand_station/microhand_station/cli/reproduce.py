@@ -156,31 +156,37 @@ def _row4(row: Table4Row) -> Row:
         'reconfigurations': row.reconfigurations,
         'cost_deg': row.cost_deg,
         'expanded': row.expanded,
+        'waiting': row.waiting,
         'time_s': row.time_s,
         'paper_reconfigurations': row.paper.reconfigurations,
         'paper_visited': row.paper.visited,
+        'paper_waiting': row.paper.waiting,
         'paper_time_s': row.paper.time_s,
     }
 
 
 def _show4(console: Console, rows: list[Row]) -> None:
     """Print table 4."""
-    table = Table(title='Table 4: rotations about z, y and z', **STYLE)
+    table = Table(title='Table 4: rotations about z, y and z', pad_edge=False, **STYLE)
     table.add_column('rotation', no_wrap=True)
-    table.add_column('adhesion')
-    for name in ('reconfig.', 'expanded', 'time'):
+    table.add_column('sticks')
+    for name in ('reconfig.', 'visited', 'waiting', 'time'):
         table.add_column(name, justify='right')
     for row in rows:
         table.add_row(
             f'{row["object"]} {row["angle_deg"]:g}° {row["axis"]}',
-            'with' if row['adhesion'] else 'without',
+            'yes' if row['adhesion'] else 'no',
             f'{_count(row["reconfigurations"])} ({_count(row["paper_reconfigurations"])})',
             f'{row["expanded"]} ({row["paper_visited"]})',
+            f'{row["waiting"]} ({row["paper_waiting"]})',
             f'{_time(row["time_s"])} ({_time(row["paper_time_s"])})',
             end_section=row['rotation'] == ROTATIONS,
         )
     console.print(table)
-    console.print('In brackets: the paper. NPA: no path available.')
+    console.print(
+        'In brackets: the paper. NPA: no path available. Waiting: states that were\n'
+        'still to be visited; our search creates most of them later than the paper does.'
+    )
 
 
 def _count(number: int | None) -> str:
@@ -192,7 +198,9 @@ def _degrees(cost_deg: float | None) -> str:
 
 
 def _time(time_s: float) -> str:
-    return f'{1e3 * time_s:.3g} ms' if time_s < 1.0 else f'{time_s:.5g} s'
+    if time_s < 0.0995:
+        return f'{1e3 * time_s:.2g} ms'
+    return f'{time_s:.3g} s' if time_s < 100.0 else f'{time_s:.0f} s'
 
 
 TABLES = {

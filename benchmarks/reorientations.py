@@ -41,6 +41,7 @@ PAGE = TOP / 'docs' / 'reference' / 'reorientations.md'
 PARTIAL = TOP / 'build' / 'reorientations.jsonl'
 PACKAGES = ('microhand_planner', 'microhand_twin')
 OBJECTS = ('ellipsoid', 'convex', 'concave')
+SLIPS = 0.999  # of the friction that there is
 PAPER_STEP_DEG = 20.0
 CLEARANCE_UM = 0.5  # as `microhand plan` has it in robust mode
 
@@ -186,6 +187,7 @@ def summary(rows: list[dict[str, Any]], name: str, condition: str) -> dict[str, 
         'count': len(mine),
         'no_plan': len(mine) - len(ran),
         'held': len(held),
+        'held_without_slip': sum(row['max_friction_use'] < SLIPS for row in held),
         'final_error_median_deg': figure('final_error_deg', np.median, held),
         'final_error_worst_deg': figure('final_error_deg', np.max, held),
         'final_error_median_um': figure('final_error_um', np.median, held),
@@ -209,17 +211,18 @@ def page(summaries: list[dict[str, Any]], count: int, seed: int, stiffness: floa
         f'{count} orientations per object, evenly distributed over all (seed {seed}), planned '
         'with the defaults and run in the [twin](../explanation/twin.md) with fingers of '
         f'{stiffness:g} N/m. *Held*: the object never left the fingers, nor came more than 5° or '
-        '2 µm off the plan. Errors are those at the end of runs that held.'
+        '2 µm off the plan; a run can hold and slip. Errors are those at the end of runs that held.'
     )
     heads = (
         'object',
         'condition',
         'held',
+        'without slip',
         'final error, median',
         'worst',
         'friction used, median',
+        'regrasps, median',
     )
-    heads += ('regrasps, median',)
     lines = [
         '<!-- Written by benchmarks/reorientations.py; do not edit. -->',
         '# Random reorientations in the physics engine',
@@ -229,12 +232,13 @@ def page(summaries: list[dict[str, Any]], count: int, seed: int, stiffness: floa
         *(f'- **{condition}**: {text}' for condition, text in CONDITIONS.items()),
         '',
         '| ' + ' | '.join(heads) + ' |',
-        '| --- | --- | ---: | ---: | ---: | ---: | ---: |',
+        '| --- | --- |' + ' ---: |' * (len(heads) - 2),
     ]
     for row in summaries:
         ran = row['count'] - row['no_plan']
         cells = [
             row['object'], row['condition'], f'{row["held"]} of {ran}',
+            str(row['held_without_slip']),
             *('' if row[key] is None else f'{row[key]:.2g}°'
               for key in ('final_error_median_deg', 'final_error_worst_deg')),
             '' if row['friction_use_median'] is None else f'{row["friction_use_median"]:.0%}',

@@ -211,7 +211,8 @@ def page(summaries: list[dict[str, Any]], count: int, seed: int, stiffness: floa
         f'{count} orientations per object, evenly distributed over all (seed {seed}), planned '
         'with the defaults and run in the [twin](../explanation/twin.md) with fingers of '
         f'{stiffness:g} N/m. *Held*: the object never left the fingers, nor came more than 5° or '
-        '2 µm off the plan; a run can hold and slip. Errors are those at the end of runs that held.'
+        '2 µm off the plan; a run can hold and slip. Errors are those at the end of runs that '
+        'held.'
     )
     heads = (
         'object',

@@ -2,8 +2,10 @@
 """What all tests share: a ROS domain of their own, and messages that check their fields."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,3 +34,28 @@ def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         environment.setenv('ROS_LOG_DIR', str(log_dir))
         environment.delenv('ROS_STATIC_PEERS', raising=False)
         yield domain
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Any]:
+    """Give a Chromium without a window, driven by playwright; its pages draw in space by software.
+
+    Where there is none, a test is skipped and the summary says why; `.ci/run`, which installs one,
+    sets MICROHAND_REQUIRE_BROWSER, and then its absence is an error. One per module: while it is
+    open, nothing else in this thread can run an event loop.
+    """
+    program = shutil.which('chromium') or shutil.which('google-chrome')
+    if program is None:
+        reason = 'no chromium here to open pages (Debian, Ubuntu: apt-get install chromium)'
+        if os.environ.get('MICROHAND_REQUIRE_BROWSER'):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(
+            executable_path=program,
+            args=['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'],
+        )
+        yield opened
+        opened.close()

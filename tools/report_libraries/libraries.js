@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the pages of reports take from npm; bundle.sh makes one file of it.
 export {
-  ArrowHelper, BufferAttribute, BufferGeometry, Color, DirectionalLight, GridHelper, Group, HemisphereLight,
-  Line, LineBasicMaterial, LineSegments, Mesh, MeshStandardMaterial, PerspectiveCamera, Quaternion, Scene,
+  BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, DirectionalLight, GridHelper, Group, HemisphereLight,
+  Line, LineBasicMaterial, Mesh, MeshStandardMaterial, PerspectiveCamera, Quaternion, Scene,
   SphereGeometry, Vector3, WebGLRenderer,
 } from 'three';
 export { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';

@@ -44,7 +44,9 @@ def report_data(run: Run, found: Findings, other: Run | None = None) -> str:
         'radius': None if run.plan is None else run.plan.finger.radius_um,
         'mesh': _mesh(run),
         'scene': _scene(run),
-        'other': None if other is None else {'name': other.name, **_scene(other, shift_s)},
+        'other': None
+        if other is None
+        else {'name': other_name(run, other)} | _scene(other, shift_s),
         'plots': _plots(run, other, shift_s),
         'steps': [
             {'number': step.number + 1, 'what': step.what, 'kind': step.kind.value}
@@ -60,6 +62,11 @@ def report_data(run: Run, found: Findings, other: Run | None = None) -> str:
     }
     # "</script>" in a text must not end the script that it is in.
     return json.dumps(data, allow_nan=False, separators=(',', ':')).replace('<', '\\u003c')
+
+
+def other_name(run: Run, other: Run) -> str:
+    """Return how to call the run to compare with: by its name, if that tells it from the first."""
+    return other.name if other.name != run.name else 'other run'
 
 
 def plan_begin_s(run: Run) -> float:
@@ -155,12 +162,13 @@ def _plots(run: Run, other: Run | None, shift_s: float) -> list[dict[str, Any]]:
     """Return the plots that there is anything for, in the order of the page."""
     plots = [_error_plot(run), _grip_plot(run), _friction_plot(run), _tracking_plot(run)]
     if other is not None:
+        name = other_name(run, other)
         theirs = (_error_plot(other), _grip_plot(other), _friction_plot(other), None)
         for plot, more in zip(plots, theirs, strict=True):
             if plot is not None and more is not None:
-                plot['lines'] += _of_other(more['lines'], other.name, shift_s)
+                plot['lines'] += _of_other(more['lines'], name, shift_s)
         if plots[3] is not None:
-            plots[3]['lines'] += _of_other(_worst_tracking(other), other.name, shift_s)
+            plots[3]['lines'] += _of_other(_worst_tracking(other), name, shift_s)
     plots += [_position_plot(run, finger) for finger in sorted(run.fingers)]
     for plot in (plot for plot in plots if plot is not None):
         for line in plot['lines']:

@@ -9,10 +9,12 @@ from html import escape
 
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.pose import Pose
-from microhand_station.analysis.findings import Findings, StepFindings, Worst
+from microhand_station.analysis.findings import Findings, Worst
+from microhand_station.analysis.report_data import other_name
 from microhand_station.analysis.run import Run
 
 NONE = '–'
+MINUS = '\u2212'
 
 
 def verdict(run: Run, found: Findings) -> tuple[str, str]:
@@ -22,7 +24,8 @@ def verdict(run: Run, found: Findings) -> tuple[str, str]:
         step = None if found.lost is None else found.lost.step
         return f'The object was lost{where}{_in_step(found, step)}', 'bad'
     if found.failure:
-        return f'The run failed{_in_step(found, _last_step(found))}', 'bad'
+        still = '; the object was still held' if found.held else ''
+        return f'The run failed{_in_step(found, _last_step(found))}{still}', 'bad'
     if not found.complete:
         how_far = f'{run.share:.0%} of the plan' if run.share else 'no part of the plan'
         return f'The record ends early: {how_far} was executed', 'open'
@@ -145,7 +148,11 @@ def comparison(run: Run, found: Findings, other: Run, others: Findings) -> str:
     )
     rows = []
     for label, digits, mine, theirs in _compared(run, found, other, others):
-        change = NONE if mine is None or theirs is None else f'{mine - theirs:+.{digits}f}'
+        change = (
+            NONE
+            if mine is None or theirs is None
+            else f'{mine - theirs:+.{digits}f}'.replace('-', MINUS)
+        )
         rows.append(
             f'<tr><th scope="row">{label}</th><td>{number(mine, digits)}</td>'
             f'<td>{number(theirs, digits)}</td><td>{change}</td></tr>'
@@ -157,18 +164,23 @@ def comparison(run: Run, found: Findings, other: Run, others: Findings) -> str:
         rows.insert(
             0, f'<tr><th scope="row">{name}</th><td>{one}</td><td>{two}</td><td></td></tr>'
         )
-    head = (('', ''), ('', run.name), ('', other.name), ('', 'difference'))
+    name = other_name(run, other)
+    mine_name = run.name if run.name != other.name else 'this run'
+    head = (('', ''), ('', mine_name), ('', name), ('', 'difference'))
     plans = 'the same plan' if same else 'different plans'
     return (
-        f'<section><h2>Compared with {escape(other.name)}</h2><p class="dim">Two runs of {plans}; '
-        'in the plots both begin where their plans begin, and the other run is grey.</p>'
+        f'<section><h2>Compared with {escape(name)}</h2><p class="dim">Two runs of {plans}; '
+        'in the plots both begin where their plans begin, and the other run is grey. '
+        f'It is {escape(str(other.path))}.</p>'
         f'{_table(head, rows, "compared")}</section>'
     )
 
 
 def number(value: float | None, digits: int, factor: float = 1.0) -> str:
     """Return a number with so many decimals; a dash for one that is not known."""
-    return NONE if value is None or math.isnan(value) else f'{value * factor:.{digits}f}'
+    if value is None or math.isnan(value):
+        return NONE
+    return f'{value * factor:.{digits}f}'.replace('-', MINUS)
 
 
 def _compared(
@@ -262,8 +274,9 @@ def _jump(label: str, worst: Worst | None, form: str, found: Findings) -> str:
     step = (
         '' if worst.step is None else f', step {worst.step + 1} ({found.steps[worst.step].what})'
     )
+    value = form.format(worst.value).replace('-', MINUS)
     return (
-        f'<li><button data-time="{worst.time_s:.4f}"><b>{form.format(worst.value)}</b>'
+        f'<li><button data-time="{worst.time_s:.4f}"><b>{value}</b>'
         f'<span>{label}</span><span class="dim">{of}{worst.time_s:.1f} s{escape(step)}</span>'
         '</button></li>'
     )
@@ -283,11 +296,7 @@ def _last_step(found: Findings) -> int | None:
 
 
 def _in_step(found: Findings, step: int | None) -> str:
-    return '' if step is None else f', in step {step + 1} ({_named(found.steps[step])})'
-
-
-def _named(step: StepFindings) -> str:
-    return step.what
+    return '' if step is None else f', in step {step + 1} ({found.steps[step].what})'
 
 
 def _pose(pose: Pose) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -67,9 +68,7 @@ class Table:
         ImportError
             pandas is not installed.
         """
-        import pandas as pd  # only here: nothing else needs it
-
-        return pd.DataFrame(dict(self.columns))
+        return importlib.import_module('pandas').DataFrame(dict(self.columns))
 
 
 def spread(name: str, unit: str, vectors: NDArray[Any]) -> dict[str, NDArray[Any]]:

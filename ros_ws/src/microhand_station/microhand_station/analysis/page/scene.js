@@ -2,8 +2,10 @@
 // The object and the three tips in space, at the time of the player. Lengths in µm, z upwards.
 
 const FINGERS = 3;
-const FORCE_LENGTH_UM = 1.6; // of an arrow, per µN
+const FORCE_LENGTH_UM = 2; // of an arrow, per µN
+const ARROW_UM = 0.55; // radius of its shaft
 const TRAIL_S = 1.5;
+const UP = new libraries.Vector3(0, 1, 0);
 
 function colourOf(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -101,7 +103,12 @@ class Tip {
     this.ball = new libraries.Mesh(new libraries.SphereGeometry(radius, 40, 24), this.material);
     this.trail = new libraries.Line(new libraries.BufferGeometry(), new libraries.LineBasicMaterial());
     this.trail.frustumCulled = false;
-    this.arrow = new libraries.ArrowHelper(new libraries.Vector3(1, 0, 0), new libraries.Vector3(), 1);
+    this.radius = radius;
+    this.arrow = new libraries.Group();
+    // along y, which is turned into the force; the head has a fixed length, the shaft does not
+    this.shaft = new libraries.Mesh(new libraries.CylinderGeometry(ARROW_UM, ARROW_UM, 1, 20), this.material);
+    this.head = new libraries.Mesh(new libraries.ConeGeometry(2.6 * ARROW_UM, 5 * ARROW_UM, 24), this.material);
+    this.arrow.add(this.shaft, this.head);
     parent.add(this.ball, this.trail, this.arrow);
     this.label = document.createElement('span');
     this.label.textContent = String(finger + 1);
@@ -129,20 +136,21 @@ class Tip {
     this.arrow.visible = size > 0.02;
     if (!this.arrow.visible) return;
     const length = FORCE_LENGTH_UM * size;
+    const head = Math.min(5 * ARROW_UM, length);
     const direction = force.normalize();
-    // it ends where the tip touches: behind that it is seen
-    this.arrow.position.copy(this.ball.position).addScaledVector(direction, -length);
-    this.arrow.setDirection(direction);
-    this.arrow.setLength(length, Math.min(0.35 * length, 2.5), Math.min(0.2 * length, 1.4));
+    // it ends at the back of the tip, where it is seen
+    this.arrow.position.copy(this.ball.position).addScaledVector(direction, -this.radius - length);
+    this.arrow.quaternion.setFromUnitVectors(UP, direction);
+    this.shaft.scale.y = Math.max(length - head, 0.001);
+    this.shaft.position.y = (length - head) / 2;
+    this.head.scale.setScalar(head / (5 * ARROW_UM));
+    this.head.position.y = length - head / 2;
   }
 
   paint() {
     const colour = colourOf(`finger${this.finger + 1}`);
     this.material.color.set(colour);
     this.trail.material.color.set(colour);
-    this.arrow.setColor(colour);
-    this.arrow.line.material.depthTest = false;
-    this.arrow.cone.material.depthTest = false;
   }
 }
 

@@ -234,7 +234,9 @@ class Execution:
             commands = reference.commands(
                 motion.trajectory, self._standing_um(), self._config.touch.speed_um_s
             )
-            check_travel(commands.tip_um, commands.velocity_um_s, cleared.limits)
+            check_travel(
+                commands.tip_um, commands.velocity_um_s, cleared.limits, commands.period_s
+            )
             if any(motion.guarded):
                 self._let_twin_catch_up()  # what stops the fingers must not be late
             self._streamer.stream(commands, partial(teller.tell, number), motion.guarded)
@@ -297,6 +299,7 @@ class Execution:
         stands_ns = self._now_ns()
         give_up_s = time.monotonic() + CATCH_UP_S
         while True:
+            self._control.check_orders()
             self._check_object(lambda ns: planned if ns >= stands_ns else None)
             report = self._twin.report
             if report is not None and report.stamp_ns >= stands_ns:

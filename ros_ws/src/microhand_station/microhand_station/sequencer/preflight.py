@@ -109,7 +109,9 @@ class Preflight:
         )
         for trajectory in [approach, *(motion.trajectory for motion in pieces)]:
             if trajectory is not None:
-                check_travel(trajectory.tip_um, trajectory.velocity_um_s, limits)
+                check_travel(
+                    trajectory.tip_um, trajectory.velocity_um_s, limits, trajectory.period_s
+                )
         self._wait_for(lambda: self._check_listeners(pieces), ANSWER_S)
         return Cleared(plan, approach, pieces, limits)
 

@@ -18,7 +18,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 SOURCES = Path(__file__).parents[1] / 'ros_ws' / 'src'
 EXECUTABLES = {
     'microhand_planner': ['planner_node'],
-    'stage_driver_sim': ['stage_driver'],
+    'microhand_twin': ['twin'],
+    'stage_driver_sim': ['gcs_server', 'stage_driver'],
     'microhand_station': ['microhand', 'recorder', 'sequencer'],
 }
 

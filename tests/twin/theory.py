@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
@@ -25,7 +24,7 @@ class Ellipse:
         grid = np.linspace(-np.pi, np.pi, 4001)
         stretch = np.hypot(self.a_um * np.sin(grid), self.b_um * np.cos(grid))
         speed = stretch + self.tip_um * self.a_um * self.b_um / stretch**2
-        travel = cumulative_simpson(speed, x=grid, initial=0.0)
+        travel = CubicSpline(grid, speed).antiderivative()(grid)
         travel -= travel[2000]  # from parameter 0
         parameter = CubicSpline(travel, grid)(-self.tip_um * np.asarray(angle_rad))
         points = np.column_stack(

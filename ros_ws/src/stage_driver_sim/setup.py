@@ -8,7 +8,7 @@ NAME = 'stage_driver_sim'
 setup(
     name=NAME,
     version='0.1.0',
-    description='Driver of one piezo stage, and a simulated stage',
+    description='Driver of one piezo stage, simulated or behind a GCS controller',
     license='Apache-2.0',
     maintainer='microhand maintainers',
     maintainer_email='maintainers@microhand.example',
@@ -21,7 +21,10 @@ setup(
     ],
     install_requires=['numba', 'numpy'],
     entry_points={
-        'console_scripts': ['stage_driver = stage_driver_sim.driver_node:main'],
+        'console_scripts': [
+            'gcs_server = stage_driver_sim.gcs.server_command:main',
+            'stage_driver = stage_driver_sim.driver_node:main',
+        ],
     },
     zip_safe=False,
 )

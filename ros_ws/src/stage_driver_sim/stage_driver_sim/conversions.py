@@ -111,6 +111,8 @@ def fill_limits(
     response.upper = _point(limits.upper_um)
     response.home = _point(limits.home_um)
     response.max_velocity = limits.max_velocity_um_s / UM_PER_M
+    if np.isfinite(limits.max_acceleration_um_s2):
+        response.max_acceleration = limits.max_acceleration_um_s2 / UM_PER_M
     response.hardware_id = hardware_id
     return response
 

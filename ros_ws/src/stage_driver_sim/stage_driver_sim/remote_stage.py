@@ -20,9 +20,9 @@ import numpy as np
 from stage_driver_sim.errors import NotAllowed, StageError, StageSilent
 from stage_driver_sim.protocol import Stage, StageLimits, Vector
 
-SILENCE_S = 0.25
+SILENCE_S = 0.5
 """A stage whose latest reading is older does not answer [s]."""
-ORDER_S = 0.4
+ORDER_S = 0.45
 """Longest wait for a stage to stop, to home, or to switch its servo [s]."""
 RETRY_S = 0.5
 """Between two attempts to find a stage that has fallen silent [s]."""

@@ -87,6 +87,8 @@ class SimulatedStage:
         self._servo_on = False
         self._homing = False
         self._slew_um_s: Vector = np.full(3, math.inf)
+        # Loads, or compiles, the model now rather than in the middle of a motion.
+        step(self._model, self._state, self._target_um, 0, rng)
 
     @property
     def hardware_id(self) -> str:

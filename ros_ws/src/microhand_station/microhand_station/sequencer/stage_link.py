@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -75,6 +76,7 @@ class StageLink:
             um_from_point(answer.lower),
             um_from_point(answer.upper),
             answer.max_velocity * UM_PER_M,
+            answer.max_acceleration * UM_PER_M or math.inf,
         )
 
     def listeners(self) -> set[str]:

@@ -13,7 +13,7 @@ from stage_driver_sim.gcs.syntax import ReplySplitter
 
 CONNECT_S = 1.0
 """Longest time for the controller to accept a connection [s]."""
-ANSWER_S = 0.2
+ANSWER_S = 0.4
 """Longest time for it to answer [s]; usually it takes one or two milliseconds."""
 PORT = 50_000
 """Of PI's controllers."""

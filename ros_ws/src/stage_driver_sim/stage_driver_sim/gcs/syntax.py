@@ -124,7 +124,7 @@ class ReplySplitter:
             if not line.endswith(' '):
                 replies.append(self._lines)
                 self._lines = []
-        if len(self._text) + sum(map(len, self._lines)) > LONGEST_REPLY:
+        if len(self._text) + sum(len(line) + 2 for line in self._lines) > LONGEST_REPLY:
             raise StageSilent(f'a reply is longer than {LONGEST_REPLY} characters')
         return replies
 

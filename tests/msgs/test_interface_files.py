@@ -15,7 +15,7 @@ FIELD = re.compile(
     r'^(?P<type>[\w/]+(?:<=\d+)?(?P<array>\[[^]]*\])?)\s+(?P<name>[a-z][a-z0-9_]*)$'
 )
 CONSTANT = re.compile(r'^(?P<type>\w+)\s+(?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>\S+)$')
-UNIT = re.compile(r'\[(-|rad|s|m|m/s|N|Hz)\]')
+UNIT = re.compile(r'\[(-|rad|s|m|m/s|m/s2|N|Hz)\]')
 NUMBER = re.compile(r'^(float|u?int)\d+')
 GEOMETRY = re.compile(r'^geometry_msgs/(Point|Vector3|Pose)$')
 ENUMERATIONS = {'mode', 'state', 'kind', 'phase', 'error_code'}

@@ -27,6 +27,8 @@ from microhand_station.view.station_commands import StationCommands
 
 NOTICE_S = 12.0
 """How long a notice stays [s]."""
+CANCELLED = 202
+STOPPED = 'The run was stopped. The fingers stand, and hold what they held.'
 NOTHING_YET = 'Ask for a plan; nothing moves before it is executed.'
 
 
@@ -115,7 +117,10 @@ class Controls:
             try:
                 action()
             except MicrohandError as error:
-                self._complain(label, str(error))
+                if error.code == CANCELLED:
+                    self._say(status_text.quiet_text(STOPPED))
+                else:
+                    self._complain(label, str(error))
             except Exception as error:
                 traceback.print_exc()
                 self._complain(label, f'unforeseen {type(error).__name__}: {error}')

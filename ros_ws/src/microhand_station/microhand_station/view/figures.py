@@ -21,8 +21,6 @@ UM_PER_UN = 4.0
 """Length of the arrow of 1 µN [µm]."""
 EDGE_RAD = math.radians(25.0)
 """Faces that meet at a larger angle have an edge between them [rad]."""
-SAME_UM = 1e-3
-"""Points of a way that are nearer than this are one [µm]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ def _pieces(points_um: FloatArray) -> FloatArray:
     """Return the pieces between points, without those that lead nowhere."""
     pieces = np.stack([points_um[:-1], points_um[1:]], axis=1)
     length_um = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1)
-    return np.asarray(pieces[length_um > SAME_UM])
+    return np.asarray(pieces[length_um > 0.0])
 
 
 def force_arrow(contact: Contact) -> FloatArray:

@@ -12,6 +12,9 @@ from scipy.spatial.transform import Rotation
 from microhand_planner.core.errors import BadRequest, InvalidNumber
 from microhand_planner.core.pose import FloatArray, Pose
 
+HOLDING = 2
+"""Plans begin with so many fingers that hold the object, or with none."""
+
 Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
 
@@ -113,14 +116,21 @@ def to_request(values: FormValues, sha256: str, held: Held | None) -> Request:
     shift_um = np.asarray(values.translation_um)
     if not np.all(np.isfinite(shift_um)):
         raise InvalidNumber('translation', values.translation_um, 'three finite numbers')
-    goes_on = held is not None and held.sha256 == sha256 and not values.afresh
-    start = held.pose if held is not None and goes_on else Pose()
+    if held is None or held.sha256 != sha256 or values.afresh:
+        start, start_tip_um = Pose(), None
+    else:
+        start, start_tip_um = held.pose, held.tip_um
+        holding = int(np.count_nonzero(np.all(np.isfinite(held.tip_um), axis=1)))
+        if holding != HOLDING:
+            raise BadRequest(
+                'object', f'held by {holding} fingers', f'held by {HOLDING}, or put afresh'
+            )
     return Request(
         object_name=values.object_name,
         unit_um=values.unit_um,
         start=start,
         goal=Pose.of(np.asarray(start.position_um) + shift_um, start.rotation * turn),
-        start_tip_um=held.tip_um if held is not None and goes_on else None,
+        start_tip_um=start_tip_um,
     )
 
 

@@ -62,8 +62,8 @@ def object_card(snapshot: Snapshot) -> str:
     if plan is not None:
         error_rad = angle_between_rad(thing.pose.rotation, plan.goal.rotation)
         rows.append(('to the goal', f'{math.degrees(error_rad):.2f}°'))
-    x, y, z = (f'{value:.2f}' for value in thing.pose.position_um)
-    rows.append(('position', f'{x} {y} {z} µm'))
+    x, y, z = (f'{round(value, 2) + 0.0:.2f}' for value in thing.pose.position_um)
+    rows.append(('position', f'{x}, {y}, {z} µm'))
     return _card('Object', badge, f'<div>{hint}</div>{_rows(rows)}')
 
 
@@ -95,7 +95,7 @@ def notes_card(notes: Iterable[Note]) -> str:
     latest = list(notes)[-SHOWN_NOTES:][::-1]
     lines = ''.join(
         f'<div style="display:flex;gap:8px;{f"color:{BAD}" if note.code else ""}">'
-        f'<span style="opacity:.6">{datetime.fromtimestamp(note.time_s):%H:%M:%S}</span>'
+        f'<span style="opacity:.6;flex:none">{datetime.fromtimestamp(note.time_s):%H:%M:%S}</span>'
         f'<span>{escape(note.text)}</span></div>'
         for note in latest
     )

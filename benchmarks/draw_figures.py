@@ -22,13 +22,16 @@ from record import RESULTS
 
 from microhand_planner.core.analytic_sections import ellipse_section, waisted_section
 from microhand_planner.core.offset_curve import OffsetCurve, offset_curve
-from microhand_planner.core.parameters import ContactLaw, Finger
-from microhand_planner.core.removal import grip_window_uN
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
+from microhand_planner.core.preload import contact_margin_uN, preload
+from microhand_planner.core.removal import contact_lines, grip_window_uN
 from microhand_planner.core.section import XY_PLANE
 from microhand_planner.evaluation.table3 import CONTACTS, ELLIPSE_UM
 
 FIGURES = Path(__file__).parent.parent / 'docs' / 'explanation' / 'figures'
 OBJECT, TIP, WEAK, ACCENT = '#d9d4c7', '#31688e', '#9a9a9a', '#c8553d'
+PRELOADS = (((1, 34), 20), ((7, 40), 25))
+"""Contacts that stay, and the one that goes: a removal with a window, and one without."""
 STYLE = {
     'svg.hashsalt': 'microhand',  # the same figure, the same file
     'svg.fonttype': 'none',
@@ -130,6 +133,78 @@ def removals() -> None:
     save('removal')
 
 
+def margin_of(case: tuple[np.ndarray, ...], grips_uN: np.ndarray, pull: float) -> np.ndarray:
+    """Return the margin of both contacts that stay, for each grip, at a share of the pull."""
+    law, friction = ContactLaw(), GripRules().margin_factor * ContactLaw().friction
+    lines = contact_lines(*case, law.pull_off_uN)
+    return np.array(
+        [
+            min(
+                contact_margin_uN(
+                    pull * line[0] + grip * line[2], pull * line[1] + grip * line[3], friction, law
+                )
+                for line in lines
+            )
+            for grip in grips_uN
+        ]
+    )
+
+
+def preloads() -> None:
+    """One grip must do before a finger pulls and while it does: margin against grip force."""
+    curve = offset_curve(ellipse_section(*ELLIPSE_UM, XY_PLANE), Finger().radius_um)
+    step = curve.length_rad / CONTACTS
+    law, rules = ContactLaw(), GripRules()
+    _, (top, bottom) = plt.subplots(
+        2, 2, figsize=(9.0, 5.4), height_ratios=(1.0, 1.25), gridspec_kw={'hspace': 0.25}
+    )
+    for where, axes, (stay, leave) in zip(top, bottom, PRELOADS, strict=True):
+        phases = np.array([*stay, leave]) * step
+        points = curve.at(phases)
+        case = (
+            points.contact_um[:2].copy(), points.normal[:2].copy(),
+            points.contact_um[2].copy(), points.normal[2].copy(),
+        )  # fmt: skip
+        draw_section(where, curve, CONTACTS)
+        for phase in phases[:2]:
+            draw_tip(where, curve, phase, fc='white', ec=TIP)
+        draw_tip(where, curve, phases[2], fc='white', ec=ACCENT, ls='--')
+        where.plot(*points.contact_um[:2].T, color=TIP, lw=1)
+        where.annotate(
+            '', points.contact_um[2] + 7.0 * points.normal[2], points.contact_um[2],
+            arrowprops={'arrowstyle': '->', 'color': ACCENT, 'lw': 1.5},
+        )  # fmt: skip
+
+        grips_uN = np.linspace(-2.0, 12.0, 561)
+        still, pulled = (margin_of(case, grips_uN, pull) for pull in (0.0, 1.0))
+        axes.plot(grips_uN, still, color=TIP, lw=1, label='no pull')
+        axes.plot(grips_uN, pulled, color=ACCENT, lw=1, ls='--', label='pull of 1.5 µN')
+        axes.plot(grips_uN, np.minimum(still, pulled), color='black', lw=2, label='less of both')
+        axes.axhline(rules.least_margin_uN, color=WEAK, lw=0.6, ls=':')
+        hold = preload(*case, law, rules)
+        if hold.low_uN <= hold.high_uN:
+            axes.axvspan(hold.low_uN, hold.high_uN, color=OBJECT, alpha=0.6, lw=0)
+            reach_uN = rules.grip_tolerance_uN
+            axes.errorbar(
+                hold.grip_uN, hold.margin_uN, xerr=reach_uN, fmt='o', color='black', ms=4,
+                capsize=3, lw=1,
+            )  # fmt: skip
+            axes.set_title(
+                f'window {hold.low_uN:.1f} to {hold.high_uN:.1f} µN, preload {hold.grip_uN:.1f}',
+                fontsize=9,
+            )
+        else:
+            friction = rules.margin_factor * law.friction
+            low, high = grip_window_uN(*case, friction, law.pull_off_uN, law.max_force_uN)
+            axes.set_title(
+                f'no window, though Eq. 4 would allow {low:.1f} to {high:.1f} µN', fontsize=9
+            )
+        axes.set(xlim=(-2.0, 12.0), ylim=(-0.6, 0.8), xlabel='grip force F [µN]')
+    bottom[0].set_ylabel('margin to slipping [µN]')
+    bottom[1].legend(loc='upper right')
+    save('preload')
+
+
 def growth() -> None:
     """How planning time grows: with finer steps, larger parts, dearer goals."""
     content = json.loads((RESULTS / 'growth.json').read_text(encoding='utf-8'))
@@ -168,6 +243,7 @@ def main() -> None:
     with plt.rc_context(STYLE):
         offset_curves()
         removals()
+        preloads()
         growth()
     print(FIGURES)
 

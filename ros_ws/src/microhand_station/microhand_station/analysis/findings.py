@@ -293,7 +293,7 @@ def _largest(
     """Return the largest value within a span of time; None: there is none."""
     if span is None or not len(time_s):
         return None
-    inside = values[(time_s >= span[0]) & (time_s <= span[1])]
+    inside = values[(time_s >= span[0]) & (time_s < span[1])]
     return float(np.nanmax(inside)) if np.isfinite(inside).any() else None
 
 

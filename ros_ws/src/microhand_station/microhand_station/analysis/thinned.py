@@ -38,8 +38,8 @@ def thinned(values: FloatArray, parts: int) -> NDArray[np.int64]:
         high = np.where(np.isnan(part), -np.inf, part)
         keep.update((begin + np.argmin(low, axis=0)).tolist())
         keep.update((begin + np.argmax(high, axis=0)).tolist())
-        # a gap begins and ends where it did
-        gaps = np.flatnonzero(np.any(np.diff(np.isnan(part), axis=0), axis=1))
-        keep.update((begin + gaps).tolist())
-        keep.update((begin + gaps + 1).tolist())
+    # a gap begins and ends where it did
+    gaps = np.flatnonzero(np.any(np.diff(np.isnan(values), axis=0), axis=1))
+    keep.update(gaps.tolist())
+    keep.update((gaps + 1).tolist())
     return np.array(sorted(keep), dtype=np.int64)

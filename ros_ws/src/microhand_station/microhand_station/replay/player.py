@@ -137,6 +137,9 @@ class Player:
         self._on_time = on_time
         self._played = Played()
         self._told_s = self._clock_s = 0.0
+        self._clock_ns = 0
+        # of the steady clock's zero, once: the system clock may be set while a record is replayed
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._clock: Any = None
         self._ended = False
 
@@ -200,6 +203,7 @@ class Player:
     def _round(self, replayed: dict[str, Replayed], keyboard: Keyboard) -> None:
         """Publish the record once, from the wished start on."""
         self._played.rounds += 1
+        self._clock_ns = 0
         begin_ns = self._index.start_ns + round(self._wishes.start_s * NS_PER_S)
         latched: dict[str, Message] = {}
         pace: Pace | None = None
@@ -262,6 +266,10 @@ class Player:
             self._on_time((pace.reached_ns(now_s) - self._index.start_ns) / NS_PER_S, pace.paused)
 
     def _publish_clock(self, reached_ns: int) -> None:
+        # a message that is sent late has its time behind the clock, which does not go back
+        if reached_ns <= self._clock_ns:
+            return
+        self._clock_ns = reached_ns
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(reached_ns, NS_PER_S)
         self._clock.publish(message)
@@ -273,9 +281,8 @@ class Player:
             self._publish_clock(due_ns)
         else:
             # by when it was due, not by when it is sent: times keep their distances
-            due_in_s = pace.due_s(due_ns) - time.monotonic()
-            now_ns = time.time_ns() + (0 if pace.paused else round(due_in_s * NS_PER_S))
-            log_ns, rate = message.log_time, self._wishes.rate
-            cdr = topic.shift.shifted(cdr, lambda old_ns: now_ns + round((old_ns - log_ns) / rate))
+            now_ns = self._epoch_ns + round(pace.due_s(due_ns) * NS_PER_S)
+            rate = self._wishes.rate
+            cdr = topic.shift.shifted(cdr, lambda old_ns: now_ns + round((old_ns - due_ns) / rate))
         topic.publisher.publish(cdr)
         self._played.messages += 1

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is shipped to learn from works: the run, and the notebook that reads it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from microhand_station.analysis.findings import findings
+from microhand_station.analysis.run import Run
+
+EXAMPLES = Path(__file__).parents[2] / 'examples'
+
+
+@pytest.fixture(scope='module')
+def run():
+    """Return the shipped run."""
+    return Run.open(EXAMPLES / 'reorientation.mcap')
+
+
+def test_the_shipped_run_is_a_good_one(run):
+    """Whole, executed to its end, held, and close to its goal; nothing is missing."""
+    found = findings(run)
+    assert (run.finished, run.missing, run.undecodable) == (True, (), 0)
+    assert (found.complete, found.held) == (True, True)
+    assert found.final_error_deg < 2.0
+    assert found.underruns == found.missing_setpoints == 0
+
+
+def test_commands_and_sequencer_agree_on_the_error_of_the_object(run):
+    """Two ways to where the plan has the object: by the clock, and by the commands alone."""
+    import numpy as np
+
+    from microhand_station.analysis.run_progress import from_commands
+
+    afterwards = from_commands(run.progress, run.object)
+    live = run.deviation
+    both = np.interp(live.time_s, afterwards.time_s, afterwards.angle_deg)
+    np.testing.assert_allclose(both, live.angle_deg, atol=0.15)
+    assert np.median(np.abs(both - live.angle_deg)) < 1e-3
+
+
+def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
+    """All of its cells, in order, in one namespace, beside the run; it ends with a page."""
+    shutil.copy(EXAMPLES / 'reorientation.mcap', tmp_path)
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads((EXAMPLES / 'look_at_a_run.ipynb').read_text(encoding='utf-8'))
+    names: dict[str, object] = {}
+    for cell in notebook['cells']:
+        if cell['cell_type'] == 'code':
+            exec(compile(''.join(cell['source']), cell['id'], 'exec'), names)
+    printed = capsys.readouterr().out
+    assert 'held: True' in printed
+    assert '14 roll' in printed
+    assert (tmp_path / 'report.html').stat().st_size > 500_000
+
+
+def test_the_notebook_is_shipped_without_results():
+    """Outputs would grow stale, and name the machine that made them."""
+    notebook = json.loads((EXAMPLES / 'look_at_a_run.ipynb').read_text(encoding='utf-8'))
+    for cell in notebook['cells']:
+        assert not cell.get('outputs')

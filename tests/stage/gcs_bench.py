@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A GCS server in this process, and a wire to it that can be disturbed."""
+"""A GCS server in this process or in its own, and a wire to it that can be disturbed."""
 
 from __future__ import annotations
 
 import contextlib
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,15 +22,21 @@ from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
 from stage_driver_sim.simulated_stage import SimulatedStage
 
 DEADLINE_S = 15.0
+SERVER = Path(sys.executable).with_name('gcs_server')
 
 Disturbance = Callable[[bytes], 'list[bytes]']
 
 
-def make_server(port: int = 0, name: str = 'bench') -> GcsServer:
-    """Return a server, started, whose stage stands at (50, 50, 50) µm of 100."""
+def make_server(
+    port: int = 0,
+    name: str = 'bench',
+    travel_um: float = 100.0,
+    home_um: tuple[float, float, float] = (50.0, 50.0, 50.0),
+) -> GcsServer:
+    """Return a server, started, whose stage stands at its home."""
     stage = SimulatedStage(
-        REPRESENTATIVE_100_UM_XYZ,
-        home_um=np.full(3, 50.0),
+        [replace(axis, upper_um=travel_um) for axis in REPRESENTATIVE_100_UM_XYZ],
+        home_um=np.array(home_um),
         rng=np.random.default_rng(4),
         now_s=time.monotonic(),
         hardware_id=name,
@@ -36,13 +47,40 @@ def make_server(port: int = 0, name: str = 'bench') -> GcsServer:
 
 
 @contextlib.contextmanager
-def running_server(port: int = 0, name: str = 'bench') -> Iterator[GcsServer]:
+def running_server(port: int = 0, name: str = 'bench', **stage: Any) -> Iterator[GcsServer]:
     """Run a server as long as the context lasts."""
-    server = make_server(port, name)
+    server = make_server(port, name, **stage)
     try:
         yield server
     finally:
         server.close()
+
+
+class ServerProcess:
+    """The command ``gcs_server``, on any port that is free."""
+
+    def __init__(self, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            [str(SERVER), '--port=0', *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        self.port = int(self._process.stdout.readline().rpartition(':')[2])
+
+    def tell(self, command: str) -> None:
+        """Send it a command, by a connection of its own."""
+        with socket.create_connection(('127.0.0.1', self.port), timeout=DEADLINE_S) as talk:
+            talk.sendall(f'{command}\nFLT?\n'.encode())
+            with talk.makefile() as answers:
+                assert answers.readline()  # by then it has been executed
+
+    def close(self) -> None:
+        """End it as an operator does; it has to end without complaints."""
+        self._process.terminate()
+        _, complaints = self._process.communicate(timeout=DEADLINE_S)
+        assert (self._process.returncode, complaints) == (0, '')
 
 
 def wait_until(condition: Callable[[], bool], what: str) -> None:

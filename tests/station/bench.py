@@ -112,11 +112,11 @@ class Watcher:
 class Bench:
     """Three drivers and a twin in processes, a sequencer in this one, and a client."""
 
-    def __init__(self, folder, mesh):
+    def __init__(self, folder, mesh, config=CONFIG):
         self.folder = folder
         self.mesh = str(mesh)
-        write_config(CONFIG, folder / 'station.yaml')
-        self.commands = {command.name: command for command in node_commands(CONFIG, folder)}
+        write_config(config, folder / 'station.yaml')
+        self.commands = {command.name: command for command in node_commands(config, folder)}
         self.drivers = {finger: self.start(f'finger_{finger}') for finger in (1, 2, 3)}
         self.twin = self.start('twin')
         self.context = rclpy.Context()

@@ -13,8 +13,10 @@ from stage_driver_sim.gcs.syntax import ReplySplitter
 
 CONNECT_S = 1.0
 """Longest time for the controller to accept a connection [s]."""
+GREETING_S = 2.0
+"""Longest time for its first answers [s]: nothing moves yet, and it may just have started."""
 ANSWER_S = 0.4
-"""Longest time for it to answer [s]; usually it takes one or two milliseconds."""
+"""Longest time for it to answer after that [s]; usually it takes one or two milliseconds."""
 PORT = 50_000
 """Of PI's controllers."""
 
@@ -91,15 +93,17 @@ class TcpConnection:
             self._socket = socket.create_connection((host, port), timeout=CONNECT_S)
         except OSError as error:
             raise StageSilent(f'no controller at {self._name}: {_reason(error)}') from error
+        self._greeted_s = time.monotonic() + GREETING_S
         # Small packets, each of them awaited by the other side: nothing to gather.
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def exchange(self, data: bytes, replies: int, now_s: float) -> list[list[str]]:
         """Send commands, and return the lines of the replies that they have."""
-        give_up_s = time.monotonic() + ANSWER_S
+        begin_s = time.monotonic()
+        give_up_s = max(begin_s + ANSWER_S, self._greeted_s)
         received: list[list[str]] = []
         try:
-            self._socket.settimeout(ANSWER_S)
+            self._socket.settimeout(give_up_s - begin_s)
             self._socket.sendall(data)
             while len(received) < replies:
                 left_s = give_up_s - time.monotonic()
@@ -113,7 +117,7 @@ class TcpConnection:
         except TimeoutError:
             asked = data.decode('latin-1').strip()
             raise StageSilent(
-                f'{self._name} did not answer {asked[:40]!r} within {ANSWER_S:g} s'
+                f'{self._name} did not answer {asked[:40]!r} within {give_up_s - begin_s:.1f} s'
             ) from None
         except OSError as error:
             raise StageSilent(f'{self._name}: {_reason(error)}') from error

@@ -20,6 +20,7 @@ from microhand_station.analysis.run import Run
 FloatArray = NDArray[np.float64]
 
 _DONE = 0.999  # of the planned time
+_OBJECT_LOST = 306  # ErrorCode.OBJECT_LOST
 
 
 @dataclass(frozen=True)
@@ -152,13 +153,16 @@ def findings(run: Run) -> Findings:
     steps = _steps(run)
     body, lost_at_s = run.object, run.object.lost_at_s
     failures = [event.text for event in run.events if event.error_code]
+    told_s = [event.time_s for event in run.events if event.error_code == _OBJECT_LOST]
+    if lost_at_s is None and told_s:
+        # the sequencer judges, too: an object far from its plan is lost, though fingers touch it
+        lost_at_s = told_s[0]
     errors = {number: one.tracking_error for number, one in run.fingers.items()}
     skews = [step.skew_s for step in steps if step.skew_s is not None]
     released = bool(len(body) and body.released.any())
-    judged_lost = any('object is lost' in failure for failure in failures)
     final_deg, final_um = _final_error(run)
     return Findings(
-        held=lost_at_s is None and not judged_lost if released else None,
+        held=lost_at_s is None if released else None,
         complete=run.share >= _DONE and not failures,
         failure=failures[0] if failures else '',
         lost=None if lost_at_s is None else Worst(math.nan, lost_at_s, _step_at(run, lost_at_s)),

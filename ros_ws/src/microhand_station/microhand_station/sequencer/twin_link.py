@@ -18,7 +18,7 @@ from stage_driver_sim.qos import STATE
 
 LOAD_S = 60.0
 """Longest wait for a world to be built [s]."""
-REPORT_S = 2.0
+REPORT_S = 5.0
 """Longest wait for the first report of a world [s]."""
 
 

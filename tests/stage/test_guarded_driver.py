@@ -118,7 +118,7 @@ def test_an_approach_that_meets_nothing_ends_where_it_should(
 def test_a_sensor_that_falls_silent_stops_the_approach(
     active: DriverClient, wall: Wall, make_chunk: MakeChunk
 ) -> None:
-    """Half a second without a report: NO_CONTACT names the finger, the stage stands."""
+    """A second without a report: NO_CONTACT names the finger, the stage stands."""
     wanted_m = approach(active, make_chunk, count=3000)
     active.wait_state(lambda state: state.command.x > wanted_m[20, 0], 'motion')
     wall.silent = True

@@ -13,7 +13,7 @@ from stage_driver_sim.errors import ContactSilent, InvalidNumber
 from stage_driver_sim.position_history import PositionHistory
 from stage_driver_sim.protocol import Vector
 
-SILENCE_S = 0.5
+SILENCE_S = 1.0
 """Reports older than this guard nothing: a guarded stage must not move blindly."""
 
 

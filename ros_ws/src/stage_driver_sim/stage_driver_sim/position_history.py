@@ -8,12 +8,12 @@ from collections import deque
 
 from stage_driver_sim.protocol import Vector
 
-KEPT_S = 1.0
+KEPT_S = 2.0
 """How far back positions are kept [s]."""
 
 
 class PositionHistory:
-    """The measured positions of the last second.
+    """The measured positions of the last `KEPT_S`.
 
     Examples
     --------

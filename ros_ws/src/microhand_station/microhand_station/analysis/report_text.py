@@ -322,7 +322,7 @@ def _table(head: Sequence[tuple[str, str]], rows: Sequence[str], kind: str) -> s
         for unit, name in head
     )
     return (
-        f'<div class="wide"><table class="{kind}"><thead><tr>{cells}</tr></thead>'
+        f'<div class="table"><table class="{kind}"><thead><tr>{cells}</tr></thead>'
         f'<tbody>{"".join(rows)}</tbody></table></div>'
     )
 

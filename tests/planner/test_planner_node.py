@@ -141,6 +141,45 @@ def test_a_spoiled_plan_is_refused_with_its_step(ask):
     assert f'step {roll} (roll)' in verdict.error_msg
 
 
+def test_spoiled_forces_are_refused_with_their_step(ask):
+    """A grip that is too firm, and a finger in the air that presses: code, step and reason."""
+    plan = ask(turn(0, 0, 60)).plan
+    plan.plan_hash = ''
+    roll = next(i for i, step in enumerate(plan.steps) if step.kind == step.ROLL)
+    step = plan.steps[roll]
+    assert step.margin > 0.0
+    planned = list(step.contact_forces)
+    step.contact_forces = [*planned[:9], *(20.0 * force for force in planned[9:])]
+    verdict = ask(ValidatePlan.Request(plan=plan))
+    assert (verdict.error_code, verdict.step) == (ErrorCode.INVALID_PLAN, roll)
+    assert 'outside what contacts bear' in verdict.error_msg
+    free = list(step.in_contact).index(False)
+    step.contact_forces = planned
+    step.contact_forces[3 * free] = 1e-7
+    verdict = ask(ValidatePlan.Request(plan=plan))
+    assert verdict.error_code == ErrorCode.INVALID_PLAN
+    assert 'force_uN is not zero for a finger in the air' in verdict.error_msg
+
+
+def test_margins_of_a_request_are_kept_and_bounded(ask):
+    """A plan carries the margins that it was asked for; impossible ones have no plan."""
+    request = turn(40, 110, 30)
+    request.object = 'convex'
+    request.options = PlanOptions(margin_factor=0.6, least_margin=6e-8)
+    answer = ask(request)
+    assert answer.error_code == ErrorCode.SUCCESS
+    assert answer.plan.options.margin_factor == 0.6
+    removals = [step for step in answer.plan.steps if step.kind == step.REMOVE]
+    assert removals
+    assert min(step.margin for step in removals) >= 6e-8 - 1e-12
+    request.options.margin_factor = 0.1
+    assert ask(request).error_code == ErrorCode.NO_PLAN_EXISTS
+    request.options.margin_factor = 1.5
+    answer = ask(request)
+    assert answer.error_code == ErrorCode.INVALID_PARAMETER
+    assert 'margin is 1.5' in answer.error_msg
+
+
 BAD = [
     ({'object': 'no_such_thing'}, ErrorCode.UNKNOWN_OBJECT, 'ellipsoid'),
     ({'goal': Quaternion(w=math.nan)}, ErrorCode.INVALID_ROTATION, 'quaternion'),

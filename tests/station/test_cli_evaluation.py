@@ -31,6 +31,7 @@ def test_table_4_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     assert max(map(len, out.splitlines())) <= 80
     assert '8 (8)' in out
     assert 'NPA (NPA)' in out
+    assert '(12474)' in out, "the paper's nodes to be visited"
 
 
 def test_unknown_table(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,35 +69,48 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add('--host', default='127.0.0.1', help='address to listen on')
-    add('--port', type=_port, default=PORT, help='0: any that is free')
+    add('--port', type=_within(int, 0, 65_535), default=PORT, help='0: any that is free')
     add('--preset', choices=list(PRESETS), default=next(iter(PRESETS)), help='the stage')
-    add('--travel-um', type=float, nargs=2, default=[0.0, 200.0], metavar=('LOW', 'HIGH'))
-    add('--home-um', type=float, nargs=3, metavar=('X', 'Y', 'Z'), help='where it powers up')
-    add('--seed', type=_seed, default=0, help='of the sensor noise')
-    add('--fault', choices=[fault.value for fault in Fault], default='none')
-    add('--answer-delay-s', type=_delay, default=0.0, help='how long each reply is held back')
+    add(
+        '--travel-um',
+        type=_within(float, -1e5, 1e5),
+        nargs=2,
+        default=[0.0, 200.0],
+        metavar=('LOW', 'HIGH'),
+        help='of all axes',
+    )
+    add(
+        '--home-um',
+        type=_within(float, -1e5, 1e5),
+        nargs=3,
+        metavar=('X', 'Y', 'Z'),
+        help='where it powers up; default: the middle',
+    )
+    add('--seed', type=_within(int, 0, 2**31 - 1), default=0, help='of the sensor noise')
+    add('--fault', choices=[fault.value for fault in Fault], default='none', help='at first')
+    add(
+        '--answer-delay-s',
+        type=_within(float, 0, 10),
+        default=0.0,
+        help='how long each reply is held back',
+    )
     return parser
 
 
-def _port(text: str) -> int:
-    number = int(text)
-    if not 0 <= number <= 65_535:
-        raise argparse.ArgumentTypeError(f'{number}; allowed: 0 to 65535')
-    return number
+def _within(kind: type[int] | type[float], low: float, high: float) -> Callable[[str], float]:
+    """Return what reads a number of a kind, and refuses those out of range."""
+    what = 'an integer' if kind is int else 'a number'
 
+    def read(text: str) -> float:
+        try:
+            number = kind(text)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f'{text!r}; allowed: {what}, {low:g} to {high:g}')
+        return number
 
-def _seed(text: str) -> int:
-    number = int(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f'{number}; allowed: an integer >= 0')
-    return number
-
-
-def _delay(text: str) -> float:
-    number = float(text)
-    if not 0.0 <= number <= 10.0:
-        raise argparse.ArgumentTypeError(f'{number}; allowed: 0 to 10')
-    return number
+    return read
 
 
 if __name__ == '__main__':

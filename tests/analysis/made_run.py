@@ -220,11 +220,10 @@ def write(path, *, deviations=True, lost_at_s=None, end='complete', chosen=None)
         name = f'microhand_msgs_py/msg/{kind.__name__}'
         writer.add_topic(topic, name, _schema(name), '')
     stop_s = math.inf if lost_at_s is None else lost_at_s + 0.5
-    made = sorted(_messages(deviations, lost_at_s), key=lambda item: item[1])
-    for topic, seconds, message in made:
+    for topic, seconds, cdr in _serialized(deviations, lost_at_s):
         if seconds <= stop_s and (chosen is None or chosen(topic)):
             time_ns = START_NS + round(seconds * 1e9)
-            writer.write(topic, serialize_message(message), time_ns, time_ns)
+            writer.write(topic, cdr, time_ns, time_ns)
     if end is None:
         writer.abandon()
     else:
@@ -233,6 +232,13 @@ def write(path, *, deviations=True, lost_at_s=None, end='complete', chosen=None)
 
 
 _schema = functools.cache(ros2msg_schema)
+
+
+@functools.cache
+def _serialized(deviations, lost_at_s):
+    """Return topic, seconds and bytes of all messages, in the order of time."""
+    made = sorted(_messages(deviations, lost_at_s), key=lambda item: item[1])
+    return [(topic, seconds, serialize_message(message)) for topic, seconds, message in made]
 
 
 def _header(seconds, frame=''):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stage_driver_sim.chunk import Chunk
-from stage_driver_sim.contact_guard import SILENCE_S, ContactReport
+from stage_driver_sim.contact_guard import SILENCE_S, ContactGuard, ContactReport
 from stage_driver_sim.controller import ControllerSettings, Mode, Snapshot, StageController
 from stage_driver_sim.errors import InvalidNumber
 from stage_driver_sim.position_history import KEPT_S, PositionHistory
@@ -211,3 +211,16 @@ def test_history_interpolates_as_numpy_does(steps_s: list[float], share: float) 
     at_s = float(times_s[0]) - 0.1 + share * (float(times_s[-1] - times_s[0]) + 0.2)
     expected_um = [np.interp(at_s, times_s[kept], axis) for axis in positions_um[kept].T]
     np.testing.assert_allclose(history.at(at_s), expected_um, atol=1e-12)
+
+
+def test_a_contact_began_with_its_first_report() -> None:
+    """Several reports between two looks: the position is that of the first one that touched."""
+    guard = ContactGuard()
+    for k in range(50):
+        guard.remember(0.001 * k, np.array([0.1 * k, 0.0, 0.0]))
+    for k, touching in ((10, False), (20, True), (30, True), (40, True)):
+        guard.note(ContactReport(0.001 * k, touching))
+    found_um = guard.contact_um(begin_s=0.0, now_s=0.05)
+    np.testing.assert_allclose(found_um, [2.0, 0.0, 0.0])
+    guard.note(ContactReport(0.045, False))
+    assert guard.contact_um(begin_s=0.0, now_s=0.05) is None

@@ -47,8 +47,11 @@ class ContactGuard:
 
     def note(self, report: ContactReport) -> None:
         """Take in a report, unless a later one is known."""
-        if self._latest is None or report.time_s >= self._latest.time_s:
-            self._latest = report
+        known = self._latest
+        if known is None or report.time_s >= known.time_s:
+            # Of a contact that lasts, the first report says where it began.
+            if known is None or not (known.in_contact and report.in_contact):
+                self._latest = report
 
     def remember(self, time_s: float, position_um: Vector) -> None:
         """Keep a measured position [µm]."""

@@ -26,7 +26,7 @@ from microhand_station.bringup.processes import NodeProcess, end_processes
 from microhand_station.client import ExecutionResult, StationClient, StationError
 from microhand_station.config import ContactConfig, Motion, StationConfig, write_config
 from microhand_station.sequencer.node import SequencerNode
-from microhand_station.service_call import call
+from microhand_station.service_call import call, greet
 from stage_driver_sim.qos import EVENTS, LATCHED, SETPOINTS, STATE
 
 CONFIG = StationConfig(
@@ -118,7 +118,6 @@ class Bench:
         write_config(config, folder / 'station.yaml')
         self.commands = {command.name: command for command in node_commands(config, folder)}
         self.drivers = {finger: self.start(f'finger_{finger}') for finger in (1, 2, 3)}
-        self.twin = self.start('twin')
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         parameter = Parameter('config', value=str(folder / 'station.yaml'))
@@ -134,6 +133,7 @@ class Bench:
         self.watcher = Watcher(self.client.node)
         for finger in (1, 2, 3):
             self.activate(finger)
+        self.start_twin()
 
     def make_ready(self):
         """Wait until the sequencer is idle, clear faults, and forget what was seen."""
@@ -151,6 +151,11 @@ class Bench:
         command = self.commands[name]
         log = self.folder / f'{command.name}.log'
         return NodeProcess(command.name, command.module, command.arguments, log, {})
+
+    def start_twin(self):
+        """Start the process of the twin, and wait until it answers."""
+        self.twin = self.start('twin')
+        greet(self.client.node, 'twin', deadline_s=DEADLINE_S, who='the twin', missing_code=900)
 
     def activate(self, finger):
         """Bring a driver to work, and wait for its first state."""

@@ -39,9 +39,9 @@ def test_a_silent_twin_and_a_lost_object_are_two_things():
     """No report is TWIN_MISSING, a loss is OBJECT_LOST with the twin's reason."""
     code, text = failure(lambda: check_held(None, now_s=10.0))
     assert (code, text) == (ErrorCode.TWIN_MISSING, 'the twin is silent')
-    code, text = failure(lambda: check_held(GOOD, now_s=10.8))
+    code, text = failure(lambda: check_held(GOOD, now_s=11.0))
     assert code == ErrorCode.TWIN_MISSING
-    assert text == 'the twin has been silent for 0.80 s; allowed: up to 0.7 s'
+    assert text == 'the twin has been silent for 1.00 s; allowed: up to 0.9 s'
     lost = dataclasses.replace(GOOD, held=False, lost_because='no finger touches it')
     code, text = failure(lambda: check_held(lost, now_s=10.1))
     assert (code, text) == (ErrorCode.OBJECT_LOST, 'the object is lost: no finger touches it')

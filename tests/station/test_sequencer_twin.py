@@ -114,5 +114,5 @@ def test_a_twin_that_dies_ends_the_run_within_a_second(bench, sphere_plan):
     with pytest.raises(StationError, match='the twin is not there') as missing:
         bench.execute(sphere_plan(10.0))
     assert missing.value.code == ErrorCode.TWIN_MISSING
-    bench.twin = bench.start('twin')
+    bench.start_twin()
     assert bench.execute(sphere_plan(10.0)).held

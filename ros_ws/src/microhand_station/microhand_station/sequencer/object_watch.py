@@ -15,7 +15,7 @@ from microhand_station.contact_config import TwinConfig
 OBJECT_LOST = 306
 TWIN_MISSING = 309
 
-SILENCE_S = 0.7
+SILENCE_S = 0.9
 """A twin that has not reported for longer is gone [s]; it falls silent if a stage does."""
 
 

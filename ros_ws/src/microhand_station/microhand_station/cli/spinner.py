@@ -36,7 +36,12 @@ def spinner(as_json: bool) -> Iterator[Callable[[str], None]]:
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as progress:
         task = progress.add_task('', total=None)
-        yield lambda text: progress.update(task, description=text)
+
+        def tell(text: str) -> None:
+            progress.update(task, description=text)
+            progress.refresh()  # at once: short work is over before the next frame
+
+        yield tell
 
 
 def interruptible(work: Callable[[Callable[[], bool]], Result]) -> Result:

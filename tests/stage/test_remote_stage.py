@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from stage_driver_sim.controller import ControllerSettings, StageController
 from stage_driver_sim.errors import (
@@ -25,10 +26,12 @@ from stage_driver_sim.faults import Fault, FaultSettings
 from stage_driver_sim.gcs.connection import TcpConnection
 from stage_driver_sim.gcs.gcs_stage import GcsStage
 from stage_driver_sim.gcs.server import GcsServer
+from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
 from stage_driver_sim.protocol import StageLimits
 from stage_driver_sim.remote_stage import RemoteStage
+from stage_driver_sim.simulated_stage import SimulatedStage
 from stage_driver_sim.snapshot import Mode
-from tests.stage.gcs_bench import DisturbedWire, running_server, wait_until
+from tests.stage.gcs_bench import DEADLINE_S, DisturbedWire, running_server, wait_until
 
 LIMITS = StageLimits(np.zeros(3), np.full(3, 100.0), np.full(3, 50.0), 3500.0)
 Result = TypeVar('Result')
@@ -288,4 +291,47 @@ def test_nonsense_on_the_wire_is_a_failure_and_forgotten_when_it_ends(
         stage.set_servo(True, time.monotonic())
         wait_near(stage, 50.0)
     finally:
+        stage.close()
+
+
+class BusyStage(SimulatedStage):
+    """A stage whose readings wait until the test opens the gate."""
+
+    gate = threading.Event()
+    waiting = threading.Event()
+
+    def measure_um(self, now_s: float) -> NDArray[np.float64]:
+        """Return the readings, once the gate is open."""
+        if not self.gate.is_set():
+            self.waiting.set()
+        assert self.gate.wait(DEADLINE_S)
+        return super().measure_um(time.monotonic())
+
+
+def test_an_order_that_was_given_up_is_not_carried_out_later() -> None:
+    """The stage is busy for too long: `home` fails, and when it is free again it stays."""
+    BusyStage.gate.set()
+    busy = BusyStage(
+        REPRESENTATIVE_100_UM_XYZ,
+        home_um=np.full(3, 50.0),
+        rng=np.random.default_rng(4),
+        now_s=time.monotonic(),
+    )
+    stage = RemoteStage(lambda now_s: busy, period_s=0.002)
+    try:
+        stage.set_servo(True, time.monotonic())
+        stage.command_um(np.full(3, 60.0), time.monotonic())
+        wait_near(stage, 60.0)
+        BusyStage.gate.clear()
+        assert BusyStage.waiting.wait(DEADLINE_S)
+        cycles = stage.cycles
+        with pytest.raises(StageSilent, match='the stage did not answer within'):
+            stage.home(time.monotonic())
+        wait_until(lambda: 'has not answered' in str(refused(stage.measure_um)), 'a failure')
+        BusyStage.gate.set()
+        wait_until(lambda: stage.cycles > cycles + 20, 'further cycles')
+        assert not stage.is_homing(time.monotonic())
+        np.testing.assert_allclose(stage.measure_um(time.monotonic()), 60.0, atol=0.02)
+    finally:
+        BusyStage.gate.set()
         stage.close()

@@ -163,6 +163,8 @@ class RemoteStage:
         answer: futures.Future[Result] = futures.Future()
 
         def act(stage: Stage, at_s: float) -> None:
+            if not answer.set_running_or_notify_cancel():
+                return  # who asked for it has given up: it must not be done behind his back
             try:
                 result = order(stage, at_s)
                 self._reading = self._look()
@@ -178,6 +180,7 @@ class RemoteStage:
         try:
             return answer.result(timeout=ORDER_S)
         except futures.TimeoutError:
+            answer.cancel()
             raise StageSilent(f'the stage did not answer within {ORDER_S:g} s') from None
 
     def _look(self) -> Reading:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.errors import BadRequest
 from microhand_planner.core.pose import Pose, angle_between_rad
-from microhand_station.view.request_form import FormValues, Held, to_request
+from microhand_station.view.request_form import FormValues, Held, check_start, to_request
 
 SHA = 'a' * 64
 HELD = Held(
@@ -80,6 +80,18 @@ def test_an_object_between_three_fingers_must_be_put_afresh():
     with pytest.raises(BadRequest, match='object is held by 3 fingers; allowed: held by 2, or'):
         to_request(FormValues('part'), SHA, three)
     assert to_request(FormValues('part', afresh=True), SHA, three).start == Pose()
+
+
+def test_a_plan_is_executed_only_where_it_begins():
+    """The object may not have been moved, or lost; one that is put afresh is where it is put."""
+    request = to_request(FormValues('part'), SHA, HELD)
+    check_start(request, HELD)
+    turned = Pose.of(HELD.pose.position_um, HELD.pose.rotation * Rotation.from_rotvec([0, 0, 0.1]))
+    shifted = Pose.of(np.add(HELD.pose.position_um, [0, 0, 2.0]), HELD.pose.rotation)
+    for now in (None, *(Held(SHA, pose, HELD.tip_um) for pose in (turned, shifted))):
+        with pytest.raises(BadRequest, match='object is no longer held where the plan begins'):
+            check_start(request, now)
+        check_start(to_request(FormValues('part', afresh=True), SHA, HELD), now)
 
 
 @pytest.mark.parametrize(

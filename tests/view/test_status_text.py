@@ -98,10 +98,15 @@ def test_the_object_is_held_lost_resting_or_not_there(sphere_plan):
 
 def test_each_finger_has_a_row_with_what_it_does_and_feels():
     """Mode, on target, lag, force and friction used; a silent stage and an error stand out."""
-    stages = (stage(), None, stage(mode=Mode.FAULT, on_target=False, error='too far'))
+    stages = (stage(), None, stage(mode=Mode.FAULT, error='finger_3: too far'))
     html = status_text.fingers_card(Snapshot(stages=stages, thing=thing()))
     text = Reader(html).text
-    for words in ('1 holding ✓ 12 nm 4.6 µN 34 %', '2 silent', '3 fault', 'finger 3: too far'):
+    for words in (
+        '1 holding ✓ 12 nm 4.6 µN 34 %',
+        '2 silent',
+        '3 fault 12 nm',
+        'finger_3: too far',
+    ):
         assert words in text
     assert Reader(html).tags >= {'table', 'tr', 'td'}
 

@@ -292,12 +292,9 @@ class StationClient:
         goal = ExecutePlan.Goal(
             plan=plan_to_msg(plan), run_name=run_name, object=object_name, unit=unit_um / UM_PER_M
         )
-        is_there = self._execute.server_is_ready
-        accepted = self._execute.send_goal_async(goal, feedback_callback=tell)
-        self._goal = self._result(accepted, is_there, 'sequencer')
-        future = self._goal.get_result_async()
+        self._goal = self._ask(lambda: self._execute.send_goal_async(goal, tell))
         try:
-            answer = self._result(future, is_there, 'sequencer').result
+            answer = self._ask(self._goal.get_result_async).result
         except KeyboardInterrupt:
             self.cancel()
             raise
@@ -317,9 +314,7 @@ class StationClient:
     def cancel(self) -> None:
         """Let the run that this client started come to rest and hold; return when it is asked."""
         if self._goal is not None:
-            self._result(
-                self._goal.cancel_goal_async(), self._execute.server_is_ready, 'sequencer'
-            )
+            self._ask(self._goal.cancel_goal_async)
 
     def command(self, name: str) -> None:
         """Send a command to the sequencer: pause, resume, emergency_stop or reset.
@@ -361,6 +356,15 @@ class StationClient:
                 missing_code=RunFailed.code,
             )
             self._met.add(server)
+
+    def _ask(self, send: Callable[[], Future]) -> Any:
+        """Have the thread that spins send something to the sequencer; wait for the answer.
+
+        An action client drops an answer that comes before it has noted down what it sent.
+        """
+        is_there = self._execute.server_is_ready
+        sent = self._result(self._executor.create_task(send), is_there, 'sequencer')
+        return self._result(sent, is_there, 'sequencer')
 
     def _result(self, future: Future, is_there: Callable[[], bool], who: str) -> Any:
         """Wait for an answer as long as the node that owes it is there."""

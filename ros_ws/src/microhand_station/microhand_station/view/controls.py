@@ -20,7 +20,7 @@ from microhand_station.view import status_text
 from microhand_station.view.buttons import Buttons, allowed_buttons
 from microhand_station.view.part_store import PartStore
 from microhand_station.view.request_fields import RequestFields
-from microhand_station.view.request_form import Held, Request, to_request
+from microhand_station.view.request_form import Held, Request, check_start, to_request
 from microhand_station.view.scene import PlannedWays
 from microhand_station.view.snapshot import Snapshot
 from microhand_station.view.station_commands import StationCommands
@@ -160,6 +160,7 @@ class Controls:
         if found is None:
             return
         self._forget_plan()
+        check_start(found.request, _held(self._look()))
         self._say(status_text.quiet_text('executing; the left panel says how far it is'))
         result = self._commands.execute(found.plan, found.request)
         self._say(status_text.good_text(_told(result)))

@@ -54,7 +54,6 @@ class Page:
         self._look = look
         self._lock = threading.Lock()
         self._browsers: dict[int, Controls] = {}
-        self._here: set[int] = set()
         self._texts_s = -math.inf
         server.gui.configure_theme(
             show_logo=False, show_share_button=False, brand_color=BRAND, control_width='medium'
@@ -70,12 +69,14 @@ class Page:
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(PANEL_PIXELS)
         server.on_client_connect(self._welcome)
-        server.on_client_disconnect(self._part_with)
 
-    @property
-    def watched(self) -> bool:
-        """Whether any browser is there."""
-        return bool(self._here)
+    def is_watched(self) -> bool:
+        """Forget the browsers that have left, and return whether any is there."""
+        here = self._server.get_clients()
+        with self._lock:
+            for number in self._browsers.keys() - here.keys():
+                self._browsers.pop(number).leave()
+        return bool(here)
 
     def show(self, snapshot: Snapshot, now_s: float) -> None:
         """Show the station as it is now."""
@@ -107,19 +108,6 @@ class Page:
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         """Give a browser its controls."""
-        with self._lock:
-            self._here.add(client.client_id)
         controls = Controls(client, self._commands, self._parts, self._look)
         with self._lock:
-            if client.client_id in self._here:
-                self._browsers[client.client_id] = controls
-            else:
-                controls.leave()
-
-    def _part_with(self, client: viser.ClientHandle) -> None:
-        """Forget a browser."""
-        with self._lock:
-            self._here.discard(client.client_id)
-            controls = self._browsers.pop(client.client_id, None)
-        if controls is not None:
-            controls.leave()
+            self._browsers[client.client_id] = controls

@@ -10,10 +10,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.errors import BadRequest, InvalidNumber
-from microhand_planner.core.pose import FloatArray, Pose
+from microhand_planner.core.pose import FloatArray, Pose, angle_between_rad
 
 HOLDING = 2
 """Plans begin with so many fingers that hold the object, or with none."""
+
+MOVED_RAD, MOVED_UM = math.radians(2.0), 1.0
+"""An object that is farther than this from where a plan begins has been moved [rad], [µm]."""
 
 Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
@@ -132,6 +135,31 @@ def to_request(values: FormValues, sha256: str, held: Held | None) -> Request:
         goal=Pose.of(np.asarray(start.position_um) + shift_um, start.rotation * turn),
         start_tip_um=start_tip_um,
     )
+
+
+def check_start(request: Request, held: Held | None) -> None:
+    """Return if a plan can still begin as it was asked for.
+
+    Parameters
+    ----------
+    request : Request
+        Of the plan.
+    held : Held or None
+        What the fingers hold now.
+
+    Raises
+    ------
+    BadRequest
+        The plan begins with an object in the fingers, and it is not there any more.
+    """
+    if request.start_tip_um is None:
+        return
+    if held is not None:
+        turned_rad = angle_between_rad(held.pose.rotation, request.start.rotation)
+        moved_um = np.subtract(held.pose.position_um, request.start.position_um)
+        if turned_rad < MOVED_RAD and float(np.linalg.norm(moved_um)) < MOVED_UM:
+            return
+    raise BadRequest('object', 'no longer held where the plan begins', 'a plan from where it is')
 
 
 def _rotation(values: FormValues) -> Rotation:

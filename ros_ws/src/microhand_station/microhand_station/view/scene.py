@@ -27,6 +27,9 @@ AXES_UM, AXIS_RADIUS_UM = 26.0, 0.22
 SHAFT_RADIUS_UM, HEAD_RADIUS_UM, HEAD_UM = 0.55, 1.3, 3.0
 WAY_PIXELS = 2.0
 GRID_UM, CELL_UM, SECTION_UM, GRID_BELOW_UM = 400.0, 10.0, 50.0, -48.0
+SKY_COLOR: Color = (255, 255, 255)
+GROUND_COLOR: Color = (150, 156, 166)
+SKY_INTENSITY = 2.0
 CELL_COLOR: Color = (232, 235, 238)
 SECTION_COLOR: Color = (206, 212, 218)
 CAMERA_UM = (50.0, -84.0, 50.0)
@@ -52,7 +55,16 @@ class StationScene:
         self._body: MeshHandle | None = None
         self._ways = PlannedWays(scene, '/planned')
         self._planned: Plan | None = None
+        # plain light: computers without a GPU shall be able to draw it, too
         scene.configure_default_lights(cast_shadow=False)
+        scene.configure_environment_map(None)
+        scene.add_light_hemisphere(
+            '/sky',
+            sky_color=SKY_COLOR,
+            ground_color=GROUND_COLOR,
+            intensity=SKY_INTENSITY,
+            position=(0.0, 0.0, 1.0),  # where it comes from
+        )
         scene.add_grid(
             '/grid',
             width=GRID_UM,

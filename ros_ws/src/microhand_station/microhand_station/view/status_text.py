@@ -79,8 +79,8 @@ def fingers_card(snapshot: Snapshot) -> str:
         for finger, stage in enumerate(snapshot.stages)
     )
     errors = ''.join(
-        f'<div style="color:{BAD}">finger {finger}: {escape(stage.error)}</div>'
-        for finger, stage in enumerate(snapshot.stages, start=1)
+        f'<div style="color:{BAD}">{escape(stage.error)}</div>'
+        for stage in snapshot.stages
         if stage is not None and stage.error
     )
     table = (
@@ -146,7 +146,7 @@ def _finger(finger: int, stage: Stage | None, contact: Contact | None) -> str:
     if stage is None:
         what, lag = f'<span style="color:{BAD}">silent</span>', '–'
     else:
-        target = ' ✓' if stage.on_target else ''
+        target = ' ✓' if stage.on_target and not stage.error else ''
         color = f' style="color:{BAD}"' if stage.error else ''
         what = f'<span{color}>{stage.mode.name.lower()}{target}</span>'
         lag = f'{NM_PER_UM * stage.lag_um:.0f} nm'

@@ -85,9 +85,10 @@ def _serve(client: StationClient, stopping: threading.Event) -> None:
         _tell_address(str(values['address_file']), address.url(server.get_port()))
         while not stopping.is_set():
             began_s = time.monotonic()
-            if page.watched:
+            watched = page.is_watched()
+            if watched:
                 page.show(listener.snapshot(), began_s)
-            period_s = FRAME_S if page.watched else UNWATCHED_S
+            period_s = FRAME_S if watched else UNWATCHED_S
             stopping.wait(max(0.0, began_s + period_s - time.monotonic()))
     finally:
         page.close()

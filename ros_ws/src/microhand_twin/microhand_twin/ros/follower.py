@@ -17,7 +17,7 @@ from microhand_twin.ros.tip_tracks import TipTracks
 
 STAGE_MISSING = 300
 
-LONGEST_STEP_S = 0.005
+LONGEST_STEP_S = 0.01
 """Between two setpoints of the fingers the ways are taken to be straight [s]."""
 ANSWER_S = 5.0
 """Longest wait for the thread to do what it is asked [s]; usually one report of the stages."""
@@ -136,13 +136,23 @@ class Follower:
                 self._changed.wait_for(self._has_work, IDLE_S)
                 if self._stopping:
                     return
-                orders = list(self._orders)
-                self._orders.clear()
                 way = self._way()
-            for act in orders:
-                act()
+            if self._obey():
+                way = way[-1:]
             for time_s, tips_um in way:
                 self._advance(time_s, tips_um)
+                if self._stopping or self._obey():
+                    break
+
+    def _obey(self) -> bool:
+        """Do what was ordered; return whether the world is another one now.
+
+        That one begins now: it need not catch up with what happened before.
+        """
+        before = self._world
+        while self._orders:
+            self._orders.popleft()()
+        return self._world is not before
 
     def _has_work(self) -> bool:
         until_s = self._tracks.until_s

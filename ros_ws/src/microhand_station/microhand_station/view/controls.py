@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,8 +51,12 @@ class Controls:
         The station.
     parts : PartStore
         Objects that can be asked for.
+    names : sequence of str
+        Those of the catalogue.
     look : callable
         Returns the station as it is now.
+    do : callable
+        Has the thread that sends messages change the page; it makes this object, too.
     """
 
     def __init__(
@@ -60,19 +64,22 @@ class Controls:
         client: viser.ClientHandle,
         commands: StationCommands,
         parts: PartStore,
+        names: Sequence[str],
         look: Callable[[], Snapshot],
+        do: Callable[[Callable[[], None]], None],
     ) -> None:
         self._client = client
         self._commands = commands
         self._parts = parts
         self._look = look
+        self._do = do
         self._gone = threading.Event()
         self._found: Found | None = None
         self._buttons = Buttons()
         self._ways = PlannedWays(client.scene, '/found')
         gui = client.gui
         with gui.add_folder('Request'):
-            self._fields = RequestFields(gui, parts.names())
+            self._fields = RequestFields(gui, names)
             self._plan = self._add('Plan', viser.Icon.ROUTE, self._make_plan)
         self._message = gui.add_html(status_text.quiet_text(NOTHING_YET))
         with gui.add_folder('Run'):
@@ -132,7 +139,7 @@ class Controls:
         """Have the request planned, and show what comes of it."""
         self._forget_plan()
         self._say(status_text.quiet_text('planning …'))
-        self._plan.disabled = True
+        self._enable_plan(False)
         try:
             values = self._fields.values()
             sha256 = self._parts.load(values.object_name, values.unit_um).sha256
@@ -140,16 +147,11 @@ class Controls:
             request = to_request(values, sha256, _held(snapshot))
             answer = self._commands.plan(request)
         finally:
-            if not self._gone.is_set():
-                self._plan.disabled = False
-        if self._gone.is_set():
-            return
+            self._enable_plan(True)
+        figure = self._parts.figure(sha256)
+        start = None if request.start_tip_um is not None else request.start
+        self._change(lambda: self._ways.show(answer.plan, figure, start))
         self._found = Found(answer.plan, request)
-        self._ways.show(
-            answer.plan,
-            self._parts.figure(sha256),
-            None if request.start_tip_um is not None else request.start,
-        )
         self._say(
             status_text.plan_text(answer.plan, answer.planning_time_s, answer.goal_error_rad)
         )
@@ -169,8 +171,13 @@ class Controls:
     def _forget_plan(self) -> None:
         """Take back the plan that waits."""
         self._found = None
-        if not self._gone.is_set():
-            self._ways.clear()
+        self._change(self._ways.clear)
+
+    def _enable_plan(self, enabled: bool) -> None:
+        def enable() -> None:
+            self._plan.disabled = not enabled
+
+        self._change(enable)
 
     def _complain(self, label: str, text: str) -> None:
         """Tell of a failure, twice: where one looks, and where it stays."""
@@ -178,12 +185,21 @@ class Controls:
         self._notify(f'{label.capitalize()} failed', text, 'red')
 
     def _say(self, html: str) -> None:
-        if not self._gone.is_set():
+        def say() -> None:
             self._message.content = html
 
+        self._change(say)
+
     def _notify(self, title: str, body: str, color: Any) -> None:
-        if not self._gone.is_set():
+        def notify() -> None:
             self._client.add_notification(title, body, color=color, auto_close_seconds=NOTICE_S)
+
+        self._change(notify)
+
+    def _change(self, change: Callable[[], None]) -> None:
+        """Change the page, if it is still there."""
+        if not self._gone.is_set():
+            self._do(change)
 
 
 def _held(snapshot: Snapshot) -> Held | None:

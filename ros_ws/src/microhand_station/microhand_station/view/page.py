@@ -80,6 +80,9 @@ class Page:
 
     def show(self, snapshot: Snapshot, now_s: float) -> None:
         """Show the station as it is now."""
+        self._server.do(lambda: self._show(snapshot, now_s))
+
+    def _show(self, snapshot: Snapshot, now_s: float) -> None:
         pausing = self._commands.is_pausing(snapshot)
         with self._server.atomic():
             self._scene.show(snapshot)
@@ -108,6 +111,13 @@ class Page:
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         """Give a browser its controls."""
-        controls = Controls(client, self._commands, self._parts, self._look)
-        with self._lock:
-            self._browsers[client.client_id] = controls
+        names = self._parts.names()
+
+        def build() -> None:
+            controls = Controls(
+                client, self._commands, self._parts, names, self._look, self._server.do
+            )
+            with self._lock:
+                self._browsers[client.client_id] = controls
+
+        self._server.do(build)

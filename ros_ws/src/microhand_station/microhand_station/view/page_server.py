@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import socket
@@ -19,6 +20,8 @@ from microhand_station.view.address import ViewAddress
 from microhand_station.view.gate import NEVER_FRAMED, Answer, Gate
 
 BACKLOG = 100
+DO_S = 30.0
+"""Longest wait for a change of the page [s]: usually a millisecond."""
 
 Process = Callable[[Any, Request], Response | None]
 
@@ -26,10 +29,23 @@ Process = Callable[[Any, Request], Response | None]
 class PageServer(viser.ViserServer):
     """A server of viser that nobody can make share the page with the world."""
 
+    def do(self, work: Callable[[], None]) -> None:
+        """Have the thread that sends messages change the page, and return when it has.
+
+        viser lets every thread do so, but wakes its own from there by an `asyncio.Event`, which
+        is for one thread: now and then "deque mutated during iteration" would end the caller.
+        Not to be called by that thread itself.
+        """
+        asyncio.run_coroutine_threadsafe(_done(work), self.get_event_loop()).result(DO_S)
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Share nothing: any browser may ask for it."""
         del verbose
         return None
+
+
+async def _done(work: Callable[[], None]) -> None:
+    work()
 
 
 def open_page_server(address: ViewAddress, label: str) -> PageServer:

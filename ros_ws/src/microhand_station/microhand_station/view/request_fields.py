@@ -53,8 +53,8 @@ class RequestFields:
             False,
             hint='Put the object at the origin, even if the fingers hold it now',
         )
-        self._object.on_update(lambda _: self._show_what_counts())
-        self._by.on_update(lambda _: self._show_what_counts())
+        self._object.on_update(self._take_choice)
+        self._by.on_update(self._take_choice)
         self._show_what_counts()
 
     def values(self) -> FormValues:
@@ -69,6 +69,10 @@ class RequestFields:
             translation_um=self._shift.value,
             afresh=self._afresh.value,
         )
+
+    async def _take_choice(self, _: object) -> None:
+        """Follow a choice, in the thread that sends messages."""
+        self._show_what_counts()
 
     def _show_what_counts(self) -> None:
         """Hide the fields that do not count."""

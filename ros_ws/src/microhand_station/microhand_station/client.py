@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ from microhand_planner.ros.conversions import (
     pose_to_msg,
 )
 from microhand_station.sequencer.progress import Progress
-from microhand_station.service_call import call, greet
+from microhand_station.service_call import POLL_S, call, greet
 
 STAGE_MISSING = 300
 ANSWER_S = 5.0
@@ -289,6 +290,7 @@ class StationClient:
                 on_progress(_progress(message.feedback))
 
         self._meet('sequencer', ANSWER_S)
+        self._wait_for_actions(ANSWER_S)
         goal = ExecutePlan.Goal(
             plan=plan_to_msg(plan), run_name=run_name, object=object_name, unit=unit_um / UM_PER_M
         )
@@ -356,6 +358,14 @@ class StationClient:
                 missing_code=RunFailed.code,
             )
             self._met.add(server)
+
+    def _wait_for_actions(self, deadline_s: float) -> None:
+        """Return when the sequencer takes goals: an action has parts that are found one by one."""
+        give_up_s = time.monotonic() + deadline_s
+        while not self._execute.server_is_ready():
+            if time.monotonic() > give_up_s:
+                raise RunFailed('the sequencer is not there')
+            time.sleep(POLL_S)
 
     def _ask(self, send: Callable[[], Future]) -> Any:
         """Have the thread that spins send something to the sequencer; wait for the answer.

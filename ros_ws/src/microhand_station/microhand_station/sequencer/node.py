@@ -48,7 +48,7 @@ SPIN_S = 0.1
 WIND_DOWN_S = 3.0
 """Longest time for a run to come to rest and for its record to be closed [s]."""
 TELL_PERIOD_S = 0.1
-"""Feedback and state are published no more often than this [s]."""
+"""Feedback and state are published no more often than this, but for the last one [s]."""
 
 
 class SequencerNode(Node):
@@ -207,7 +207,8 @@ class SequencerNode(Node):
 
         def tell(progress: Progress) -> None:
             self._progress = progress
-            if time.monotonic() - self._told_s >= TELL_PERIOD_S:
+            at_end = progress.share >= 1.0
+            if at_end or time.monotonic() - self._told_s >= TELL_PERIOD_S:
                 self._told_s = time.monotonic()
                 self._publish_state(self._control.state)
                 goal.publish_feedback(feedback(progress))

@@ -9,14 +9,10 @@ from typing import Any
 
 import pytest
 
-
-def pytest_configure() -> None:
-    """Let generated messages check the types of their fields, in this process and its children.
-
-    Off by default in Jazzy, where an int in a float field reaches the wire as garbage. The classes
-    read it when they are imported, so no fixture would be early enough.
-    """
-    os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+# Generated messages check the types of their fields, in this process and its children. Off by
+# default in Jazzy, where an int in a float field reaches the wire as garbage. Classes read it when
+# they are imported, and a conftest.py may do that: no fixture and no hook is early enough.
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 
 
 @pytest.fixture(scope='session', autouse=True)

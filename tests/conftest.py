@@ -1,18 +1,70 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a ROS domain of their own, and messages that check their fields."""
+"""What all tests share: a ROS domain of their own, messages that check fields, a place in time.
+
+Tests that run a station in real time spend their time waiting; all others compute. With two
+workers (``-n 2 --dist loadgroup``, as `make test` has it) the first runs the station's tests one
+after the other, and the second computes, giving way to them.
+"""
 
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+TESTS = Path(__file__).parent
+REAL_TIME = {
+    *('stage', 'station', 'system', 'view'),
+    *('test_twin_node', 'test_planner_node', 'test_replay'),
+}
+"""Folders and modules whose tests start nodes, and drive them in real time."""
+GIVE_WAY = 19  # niceness
+
+# How long an example takes says something about the machine, not about the code.
+settings.register_profile('microhand', deadline=None)
+settings.load_profile('microhand')
 
 # Generated messages check the types of their fields, in this process and its children. Off by
 # default in Jazzy, where an int in a float field reaches the wire as garbage. Classes read it when
 # they are imported, and a conftest.py may do that: no fixture and no hook is early enough.
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+
+
+def in_real_time(item: pytest.Item) -> bool:
+    """Return whether a test runs nodes in real time."""
+    if not item.path.is_relative_to(TESTS):
+        return False
+    return not REAL_TIME.isdisjoint(item.path.relative_to(TESTS).with_suffix('').parts)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let the tests in real time come first, and stay together.
+
+    A stage that hears nothing for 50 ms holds, and its run ends: that is what it is for. A machine
+    that stalls for so long does the same to a test, which is then run a second time.
+    """
+    items.sort(key=lambda item: not in_real_time(item))
+    for item in items:
+        if in_real_time(item):
+            item.add_marker(pytest.mark.xdist_group('real time'))
+            item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let a worker that computes beside a station give way to it.
+
+    Linux shares the processors out between sessions first, then by niceness within each.
+    """
+    if 'PYTEST_XDIST_WORKER' in os.environ and not in_real_time(item) and os.nice(0) < GIVE_WAY:
+        os.nice(GIVE_WAY)
+        os.setsid()
+        with suppress(OSError):  # a kernel without such groups
+            Path('/proc/self/autogroup').write_text(str(GIVE_WAY))
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -8,6 +8,7 @@ beside the modules, or where ``NUMBA_CACHE_DIR`` says, and belongs to this proce
 from __future__ import annotations
 
 import contextlib
+import itertools
 
 from scipy.spatial.transform import Rotation
 
@@ -16,18 +17,22 @@ from microhand_planner.core.errors import NoPlanExists
 from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
 from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import Pose
+from microhand_planner.core.section_curves import section_curves
+from microhand_planner.evaluation.grasp_count import count_pressing, section_contacts
 
-_TURN_DEG = (10.0, 40.0, 10.0)
+_TURNS_DEG = ((10.0, 40.0, 10.0), (20.0, 0.0, 0.0))  # between joints, and with free ends
 
 
 def main() -> None:
-    """Plan a small reorientation of a part with hollows, with and without adhesion."""
-    goal = Pose.of((0.0, 0.0, 0.0), Rotation.from_euler('ZYZ', _TURN_DEG, degrees=True))
+    """Plan small reorientations of a part with hollows, with and without adhesion."""
     part = find_part('concave')
-    for adhesion in (True, False):
+    for adhesion, turn_deg in itertools.product((True, False), _TURNS_DEG):
+        goal = Pose.of((0.0, 0.0, 0.0), Rotation.from_euler('ZYZ', turn_deg, degrees=True))
         law = ContactLaw(adhesion=adhesion)
         with contextlib.suppress(NoPlanExists):  # an answer all the same: its search is compiled
             plan_reorientation(part, Pose(), goal, Finger(), law, SearchOptions())
+    curves = section_curves(part, Finger()).curves
+    count_pressing(section_contacts(curves['z'], Finger(), SearchOptions().step_rad), 0.3)
 
 
 if __name__ == '__main__':

@@ -4,18 +4,29 @@
 Without adhesion three fingers can hold what two cannot, so grasps of two *and* three fingers are
 states ([Kumar2021] §3.3): roll with all placed fingers, place the free one, remove one of three.
 A finger that leaves does not pull, so a removal asks only that the grasp that stays is stable;
-every edge can be walked both ways. Costs, heuristic, ties and stages as in `swap_search`.
+every edge can be walked both ways. Costs and ties as in `swap_search`, with the estimate of
+[Kumar2021] Eq. 13. A placement or removal takes the state nearer to the goal, or farther away by
+twice its cost: so a state is expanded in two stages.
 """
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Sequence
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
+from microhand_planner.core.exploration import (
+    ENDED,
+    MORE_ROOM,
+    MORE_STARTS,
+    explore,
+    uninterrupted,
+)
 from microhand_planner.core.grasp import pair_presses, triple_presses
+from microhand_planner.core.key_table import NOBODY, spread
+from microhand_planner.core.open_list import least_total, take, wait
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice
 from microhand_planner.core.search_field import SearchField, clear_of, search_field
@@ -24,25 +35,54 @@ from microhand_planner.core.search_state import (
     ABSENT,
     RECONFIGURATION_NDEG,
     Grasp,
+    Packing,
+    estimate_ranks,
     is_any,
-    named_fingers,
-    pack,
-    paper_estimate_ndeg,
+    pack_grasp,
+    packing,
+    reconfigurations_left,
     sorted_grasp,
-    trace_back,
-    unpack,
-    unpack_all,
+    unpack_grasp,
     with_finger,
 )
+from microhand_planner.core.starting_grasps import starting_grasps
+from microhand_planner.core.states import (
+    AT,
+    DONE,
+    EXPANDED,
+    GRASP,
+    STAGE,
+    States,
+    grasp_number,
+    has_room,
+    no_states,
+    reach,
+)
 
-_LAST_STAGE = 2
+_NEARER, _FARTHER = 0, 1  # stages
+_TOTALS = 8  # new ones at a time: two rolls, two stages, and some to spare
+_VERDICTS = 1 << 16
+_NO_PATH, _BOUNDED = int(Outcome.NO_PATH), int(Outcome.BOUNDED)
+
+
+class _Task(NamedTuple):
+    """What is asked, in the search's direction."""
+
+    field: SearchField
+    bits: Packing
+    goal: Grasp
+    end: int
+    interchangeable: bool
+    bound_ndeg: int
+    start_ndeg: int
+    ranks: IntArray
 
 
 def graph_search(
     lattice: RotationLattice,
     finger: Finger,
     law: ContactLaw,
-    starts: Sequence[Grasp] | IntArray,
+    start: Grasp,
     goal: Grasp,
     *,
     interchangeable: bool = True,
@@ -59,162 +99,132 @@ def graph_search(
         The planar problem.
     finger, law : Finger, ContactLaw
         Tips, and the friction of contacts that do not stick.
-    starts : (k, 3) int
-        Grasps to start from, of two fingers each.
-    goal : tuple of 3 int
-        Grasp of two fingers, or `ANY_GRASP`.
+    start, goal : tuple of 3 int
+        Grasps of two fingers, or `ANY_GRASP` for the goal or for both.
     interchangeable, reverse : bool
         As in `swap_search`.
     bound_ndeg : int
         Stop as soon as no path costs less than this [1e-9 deg].
     interrupt : (1,) int64, optional
         Another thread ends the search by writing an `Outcome`.
+    rules : GripRules, optional
+        Only their share of the friction counts.
 
     Returns
     -------
     SearchResult
+
+    Raises
+    ------
+    TimeLimitReached
+        The search has met more states than it has memory for.
     """
     begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
-    outcome, cost, keys, expanded = _search(
-        search_field(lattice, finger, law, rules),
-        np.asarray(starts, dtype=np.int64).reshape(-1, 3),
-        begin,
-        sorted_grasp(goal) if interchangeable else goal,
-        end,
-        interchangeable,
-        bound_ndeg,
-        np.zeros(1, dtype=np.int64) if interrupt is None else interrupt,
+    if interchangeable:
+        start, goal = sorted_grasp(start), sorted_grasp(goal)
+    interrupt = uninterrupted() if interrupt is None else interrupt
+    theta_ndeg = lattice.theta_ndeg
+    ranks, rank_count = estimate_ranks(theta_ndeg, end)
+    task = _Task(
+        field=search_field(lattice, finger, law, rules),
+        bits=packing(len(lattice.track_unit), len(theta_ndeg)),
+        goal=goal,
+        end=end,
+        interchangeable=interchangeable,
+        bound_ndeg=bound_ndeg,
+        start_ndeg=2 * abs(int(theta_ndeg[begin] - theta_ndeg[end])),
+        ranks=ranks,
     )
-    states = unpack_all(keys, len(lattice.track_unit), len(lattice.theta_rad))
-    if reverse:
-        states = states[::-1]
-    if interchangeable and len(states) > 0:
-        states = named_fingers(states)
-    return SearchResult(Outcome(outcome), cost, states, expanded)
+    verdicts = np.zeros(_VERDICTS, dtype=np.int64)
+
+    def starts() -> Iterator[int]:
+        """Yield the packed grasps to start from."""
+        if not (is_any(goal) or _is_stable(task.field, verdicts, goal, end, 0)):
+            return
+        for grasp in starting_grasps(task.field, begin, interrupt) if is_any(start) else (start,):
+            yield pack_grasp(sorted_grasp(grasp) if interchangeable else grasp, task.bits)
+
+    return explore(
+        lambda states, code, more_starts: run(
+            task, verdicts, states, code, begin, more_starts, interrupt
+        ),
+        no_states(len(theta_ndeg), rank_count, _TOTALS, looks=False),
+        starts(),
+        task.bits,
+        several=is_any(start),
+        interchangeable=interchangeable,
+        reverse=reverse,
+    )
 
 
-@nb.njit(cache=True)
-def _stable(
-    field: SearchField, samples: tuple[int, int, int]
-) -> bool:  # pragma: no cover - compiled
-    """Return whether the placed fingers hold by pressing; a sample below zero: not placed."""
-    at_um = np.zeros((3, 2))
-    at_normal = np.zeros((3, 2))
-    placed = 0
-    for one in range(3):
-        if samples[one] < 0:
-            continue
-        if not field.usable[samples[one]]:
-            return False
-        for other in range(one):
-            if samples[other] >= 0 and not clear_of(field, samples[one], samples[other]):
-                return False
-        at_um[placed] = field.contact_um[samples[one]]
-        at_normal[placed] = field.normal[samples[one]]
-        placed += 1
-    if placed == 2:
-        return pair_presses(at_um, at_normal, field.friction)
-    return triple_presses(at_um, at_normal, field.friction)
-
-
-@nb.njit(cache=True, inline='always')
-def _samples_at(
-    field: SearchField, grasp: Grasp, orientation: int, back: int
-) -> tuple[int, int, int]:  # pragma: no cover - compiled
-    """Return the samples of a grasp, rolled on by `back` samples from an orientation."""
-    samples = (-1, -1, -1)
-    for finger in range(3):
-        if grasp[finger] >= 0:
-            here = field.sample_of[grasp[finger], orientation]
-            base = here - here % field.block
-            samples = with_finger(samples, finger, base + (here - base - back) % field.block)
-    return samples
-
-
-@nb.njit(cache=True, nogil=True)
-def _search(
-    field: SearchField,
-    starts: IntArray,
-    begin: int,
-    goal: Grasp,
-    end: int,
-    interchangeable: bool,
-    bound_ndeg: int,
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def run(
+    task: _Task,
+    verdicts: IntArray,
+    states: States,
+    start: int,
+    start_at: int,
+    more_starts: bool,
     interrupt: IntArray,
-) -> tuple[int, int, IntArray, int]:  # pragma: no cover - compiled
-    """Run A*; see `graph_search`. Returns outcome, cost, packed states of the path, expansions."""
-    tracks, orientations = field.sample_of.shape
-    theta_ndeg = field.theta_ndeg
-    nothing = np.zeros(0, dtype=np.int64)
-    if len(starts) == 0 or not (is_any(goal) or _stable(field, _samples_at(field, goal, end, 0))):
-        return 1, -1, nothing, 0
-    first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
-    start_total = paper_estimate_ndeg(
-        first_start, goal, theta_ndeg[begin], theta_ndeg[end], interchangeable
-    )
-    cost_of = {pack(first_start, begin, tracks, orientations): 0}
-    parent_of = {pack(first_start, begin, tracks, orientations): 0}
-    cost_of.clear()
-    parent_of.clear()
-    queue = [(0, 0, 0, 0, 0)]
-    queue.clear()
-    age = 0
-    expanded = 0
-    next_start = 0
+) -> int:  # pragma: no cover - compiled
+    """Expand states; `exploration.Step` says what is returned."""
+    theta_ndeg = task.field.theta_ndeg
+    tracks, orientations = task.field.sample_of.shape
+    if start >= 0 and has_room(states, 1):
+        grasp = unpack_grasp(start, task.bits)
+        if _is_stable(task.field, verdicts, grasp, start_at, 0):
+            left = reconfigurations_left(grasp, task.goal, task.interchangeable)
+            total = task.start_ndeg + RECONFIGURATION_NDEG * left
+            rank = task.ranks[start_at, left]
+            reach(states, grasp_number(states, start), start_at, 0, NOBODY, total, rank)
     while True:
-        while next_start < len(starts) and (len(queue) == 0 or queue[0][0] > start_total):
-            grasp = (starts[next_start, 0], starts[next_start, 1], starts[next_start, 2])
-            next_start += 1
-            if interchangeable:
-                grasp = sorted_grasp(grasp)
-            if _stable(field, _samples_at(field, grasp, begin, 0)):
-                key = pack(grasp, begin, tracks, orientations)
-                cost_of[key] = 0
-                parent_of[key] = key
-                age -= 1
-                heapq.heappush(queue, (start_total, start_total, age, key, 0))
-        if len(queue) == 0:
-            return 1, -1, nothing, expanded
         if interrupt[0] != 0:
-            return interrupt[0], -1, nothing, expanded
-        total, estimate, _, key, stage = heapq.heappop(queue)
-        if total >= bound_ndeg:
-            return 2, -1, nothing, expanded
-        cost = cost_of[key]
-        if total - estimate != cost + stage * RECONFIGURATION_NDEG:
-            continue  # a cheaper way to this state has been found since
-        grasp, orientation = unpack(key, tracks, orientations)
+            return interrupt[0] - ENDED
+        if not has_room(states, tracks + 2):
+            return MORE_ROOM
+        total = least_total(states.waiting)
+        if more_starts and (total == NOBODY or total > task.start_ndeg):
+            return MORE_STARTS
+        if total == NOBODY:
+            return _NO_PATH - ENDED
+        if total >= task.bound_ndeg:
+            return _BOUNDED - ENDED
+        state = take(states.waiting)
+        number = states.fact[state, GRASP]
+        at = states.fact[state, AT]
+        stage = states.fact[state, STAGE]
+        cost = states.cost[state]
+        grasp = unpack_grasp(states.grasps.key[number], task.bits)
         placed = 0
         for finger in range(3):
             placed += grasp[finger] >= 0
-        if orientation == end and (grasp == goal or (is_any(goal) and placed == 2)):
-            return 0, cost, trace_back(key, parent_of), expanded
+        if at == task.end and (grasp == task.goal or (is_any(task.goal) and placed == 2)):
+            return state
+        left = reconfigurations_left(grasp, task.goal, task.interchangeable)
+        estimate = 2 * abs(theta_ndeg[at] - theta_ndeg[task.end])
 
-        if stage == 0:
-            expanded += 1
-            for arrive in (orientation - 1, orientation + 1):
+        if stage == _NEARER:
+            states.counts[EXPANDED] += 1
+            for arrive in (at - 1, at + 1):
                 if arrive < 0 or arrive >= orientations:
                     continue
-                lower = min(orientation, arrive)
-                holds = _stable(field, _samples_at(field, grasp, arrive, 0))
+                lower = min(at, arrive)
+                its = cost + placed * (theta_ndeg[lower + 1] - theta_ndeg[lower])
+                other = states.state_of[number, arrive] - 1
+                if other != NOBODY and states.cost[other] <= its:
+                    continue
+                holds = _is_stable(task.field, verdicts, grasp, arrive, 0)
                 back = 1
-                while holds and back <= field.interior[lower]:
-                    holds = _stable(field, _samples_at(field, grasp, lower, back))
+                while holds and back <= task.field.interior[lower]:
+                    holds = _is_stable(task.field, verdicts, grasp, lower, back)
                     back += 1
-                if not holds:
-                    continue
-                new_cost = cost + placed * abs(theta_ndeg[arrive] - theta_ndeg[orientation])
-                new_key = pack(grasp, arrive, tracks, orientations)
-                if new_key in cost_of and cost_of[new_key] <= new_cost:
-                    continue
-                cost_of[new_key] = new_cost
-                parent_of[new_key] = key
-                left = paper_estimate_ndeg(
-                    grasp, goal, theta_ndeg[arrive], theta_ndeg[end], interchangeable
-                )
-                age -= 1
-                heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
+                if holds:
+                    total = its + 2 * abs(theta_ndeg[arrive] - theta_ndeg[task.end])
+                    total += RECONFIGURATION_NDEG * left
+                    reach(states, number, arrive, its, state, total, task.ranks[arrive, left])
 
+        cost += RECONFIGURATION_NDEG
+        wanted = left - 1 if stage == _NEARER else left + 1
         for finger in range(3):
             if placed == 3:
                 low, high = ABSENT, 0  # remove it
@@ -224,23 +234,73 @@ def _search(
                 continue
             for track in range(low, high):
                 new_grasp = with_finger(grasp, finger, track)
-                left = paper_estimate_ndeg(
-                    new_grasp, goal, theta_ndeg[orientation], theta_ndeg[end], interchangeable
-                )
-                if left - estimate != (stage - 1) * RECONFIGURATION_NDEG:
+                if reconfigurations_left(new_grasp, task.goal, task.interchangeable) != wanted:
                     continue
-                if interchangeable:
+                if task.interchangeable:
                     new_grasp = sorted_grasp(new_grasp)
-                new_key = pack(new_grasp, orientation, tracks, orientations)
-                new_cost = cost + RECONFIGURATION_NDEG
-                if new_key in cost_of and cost_of[new_key] <= new_cost:
+                if not _is_stable(task.field, verdicts, new_grasp, at, 0):
                     continue
-                if not _stable(field, _samples_at(field, new_grasp, orientation, 0)):
-                    continue
-                cost_of[new_key] = new_cost
-                parent_of[new_key] = key
-                age -= 1
-                heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
-        if stage < _LAST_STAGE:
-            age -= 1
-            heapq.heappush(queue, (total + RECONFIGURATION_NDEG, estimate, age, key, stage + 1))
+                total = cost + estimate + RECONFIGURATION_NDEG * wanted
+                new = grasp_number(states, pack_grasp(new_grasp, task.bits))
+                reach(states, new, at, cost, state, total, task.ranks[at, wanted])
+        if stage == _NEARER:
+            states.fact[state, STAGE] = _FARTHER
+            total = cost + estimate + RECONFIGURATION_NDEG * (left + 1)
+            wait(states.waiting, state, total, task.ranks[at, left])
+        else:
+            states.fact[state, STAGE] = NOBODY
+            states.counts[DONE] += 1
+
+
+@nb.njit(cache=True, error_model='numpy', inline='always')
+def _is_stable(
+    field: SearchField, verdicts: IntArray, grasp: Grasp, orientation: int, back: int
+) -> bool:  # pragma: no cover - compiled
+    """Return whether a grasp holds, rolled on by `back` samples from an orientation.
+
+    Each verdict has a place in a table, and is formed anew if another has taken its place.
+    """
+    samples = _samples(field.sample_of, field.block, grasp, orientation, back)
+    some = len(field.usable) + 1
+    key = (samples[0] * some + samples[1]) * some + samples[2] + 2
+    slot = spread(key) & (len(verdicts) - 1)
+    if verdicts[slot] >> 1 != key:
+        verdicts[slot] = 2 * key + _holds(field, samples)
+    return verdicts[slot] & 1 == 1
+
+
+@nb.njit(cache=True, error_model='numpy', _nrt=False)
+def _samples(
+    sample_of: IntArray, block: int, grasp: Grasp, orientation: int, back: int
+) -> Grasp:  # pragma: no cover - compiled
+    """Return the samples of the fingers in falling order; -1 if one is free."""
+    samples = (ABSENT, ABSENT, ABSENT)
+    for finger in range(3):
+        if grasp[finger] >= 0:
+            here = sample_of[grasp[finger], orientation]
+            base = here - here % block
+            samples = with_finger(samples, finger, base + (here - base - back) % block)
+    return sorted_grasp(samples)
+
+
+@nb.njit(cache=True)
+def _holds(field: SearchField, samples: Grasp) -> bool:  # pragma: no cover - compiled
+    """Return whether fingers on two or three samples hold by pressing; the third may be -1."""
+    at_um = np.zeros((3, 2))
+    at_normal = np.zeros((3, 2))
+    placed = 0
+    for one in range(3):
+        sample = samples[one]
+        if sample < 0:
+            continue
+        if not field.usable[sample]:
+            return False
+        for other in range(one):
+            if not clear_of(field, sample, samples[other]):
+                return False
+        at_um[placed] = field.contact_um[sample]
+        at_normal[placed] = field.normal[sample]
+        placed += 1
+    if placed == 2:
+        return pair_presses(at_um, at_normal, field.friction)
+    return triple_presses(at_um, at_normal, field.friction)

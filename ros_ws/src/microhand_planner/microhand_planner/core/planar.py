@@ -82,7 +82,7 @@ def solve_planar(problem: PlanarProblem, interrupt: IntArray | None = None) -> P
         lattice,
         problem.finger,
         problem.law,
-        [_tracks(problem.start, problem.contacts)],
+        _tracks(problem.start, problem.contacts),
         _tracks(problem.goal, problem.contacts),
         interchangeable=False,
         interrupt=interrupt,

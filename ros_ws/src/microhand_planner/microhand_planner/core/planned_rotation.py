@@ -22,7 +22,6 @@ from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Sea
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice, rotation_lattice
 from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
 from microhand_planner.core.search_state import ABSENT, ANY_GRASP, Grasp
-from microhand_planner.core.starting_grasps import starting_grasps
 from microhand_planner.core.swap_search import swap_search
 
 Phases = tuple[float, float]
@@ -44,8 +43,8 @@ class PlannedRotation:
         Tracks of fingers 1, 2, 3 (-1: free) and orientation, in order.
     cost_ndeg : int
         By [Kumar2021] Eq. 11 and 12 [1e-9 deg].
-    expanded : int
-        States that the searches expanded.
+    expanded, waiting : int
+        States that the search expanded, and those that it had met and not done with.
     time_s : float
         Wall time of the searches [s].
     """
@@ -56,6 +55,7 @@ class PlannedRotation:
     states: IntArray
     cost_ndeg: int
     expanded: int
+    waiting: int
     time_s: float
 
     @property
@@ -142,19 +142,17 @@ def plan_planar_rotation(
     if goal_phase_rad is not None:
         goal = _grasp_at(lattice, goal_phase_rad, lattice.goal)
     backward = start_phase_rad is None and goal_phase_rad is not None
-    starts: list[Grasp] | IntArray
+    start = ANY_GRASP
     if start_phase_rad is not None:
-        starts = [_grasp_at(lattice, start_phase_rad, lattice.start)]
+        start = _grasp_at(lattice, start_phase_rad, lattice.start)
     elif backward:
-        starts = [goal]  # from the one end that is given to any grasp at the other
-    else:
-        starts = starting_grasps(lattice, lattice.start, problem.finger)
+        start, goal = goal, ANY_GRASP  # from the one end that is given to any grasp at the other
     result = search(
         lattice,
         problem.finger,
         problem.law,
-        starts,
-        ANY_GRASP if backward else goal,
+        start,
+        goal,
         reverse=backward,
         bound_ndeg=bound_ndeg,
         interrupt=problem.interrupt,
@@ -170,6 +168,7 @@ def plan_planar_rotation(
         states=result.states,
         cost_ndeg=result.cost_ndeg,
         expanded=result.expanded,
+        waiting=result.waiting,
         time_s=problem.clock() - started,
     )
     return planned, result.expanded

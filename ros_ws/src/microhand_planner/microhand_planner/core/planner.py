@@ -156,6 +156,6 @@ def _report(planned: PlannedRotation) -> RotationReport:
         cost_deg=planned.cost_ndeg / NDEG,
         reconfigurations=planned.reconfigurations,
         expanded=planned.expanded,
-        waiting=getattr(planned, 'waiting', 0),
+        waiting=planned.waiting,
         time_s=planned.time_s,
     )

@@ -29,6 +29,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 _FULL_TURN = 2.0 * math.pi
 _SAME = 1e-9  # two tracks or angles closer than this share of a step are one
+_MOST_CONTACTS = 100_000
+_MOST_ENTRIES = 1 << 25  # contacts times orientations: `sample_of` takes a quarter of a gigabyte
 _LARGEST_GAP_RAD = math.radians(2.0)  # between two samples at which a roll is checked
 _NANODEGREES = 1e9
 
@@ -86,11 +88,13 @@ class RotationLattice:
     usable: BoolArray
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
+        """Freeze the arrays, rows one after the other."""
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
+                value = np.ascontiguousarray(value)  # the searches are compiled for one layout
                 value.setflags(write=False)
+                object.__setattr__(self, name, value)
 
     def track_at(self, phase_rad: float, orientation: int) -> int:
         """Return the track whose contact phase is nearest to `phase_rad` at an orientation."""
@@ -127,11 +131,13 @@ def rotation_lattice(
     Raises
     ------
     InvalidParameter
-        In paper mode, an angle that is no multiple of the step.
+        In paper mode, an angle that is no multiple of the step; a step so small that there are
+        more contacts and orientations than fit into memory.
     """
     paper = options.mode is Mode.PAPER
     exact = curve.length_rad / options.step_rad
     contacts = round(exact) if paper else math.ceil(exact - _SAME)
+    _check_size(curve, contacts, options)
     spacing_rad = curve.length_rad / contacts
     step_rad = options.step_rad if paper else spacing_rad
 
@@ -179,6 +185,23 @@ def rotation_lattice(
     )
 
 
+def _check_size(curve: OffsetCurve, contacts: int, options: SearchOptions) -> None:
+    """Refuse a lattice that is too large."""
+    turns = 1.0 if options.mode is Mode.PAPER else 2.0
+    orientations = turns * _FULL_TURN / options.step_rad
+    if contacts > _MOST_CONTACTS or contacts * orientations > _MOST_ENTRIES:
+        least_rad = max(
+            curve.length_rad / _MOST_CONTACTS,
+            math.sqrt(curve.length_rad * turns * _FULL_TURN / _MOST_ENTRIES),
+        )
+        raise InvalidParameter(
+            'step-deg',
+            f'{math.degrees(options.step_rad):g}',
+            f'for this section and finger-radius a number >= {math.degrees(least_rad):.2g}: this '
+            f'step makes {contacts} contacts and {orientations:.0f} orientations',
+        )
+
+
 def _orientations(
     angle_unit: float, turn_unit: float, *, one_sided: bool
 ) -> tuple[FloatArray, int]:
@@ -220,7 +243,11 @@ def _contact_samples(
     shift = np.maximum(phase - whole, 0.0)
     _, first, block = np.unique(np.round(shift / _SAME), return_index=True, return_inverse=True)
     shifts = shift.ravel()[first]
-    within = (whole[:, kind] - whole_turn[None, :]).astype(np.int64) % contacts
-    sample_of = block.reshape(phase.shape)[:, kind] * contacts + within
+    # in place, and without division: at fine steps there are millions of samples
+    within = whole.astype(np.int64).take(kind, axis=1)
+    within -= whole_turn.astype(np.int64) % contacts
+    within[within < 0] += contacts
+    within += (block.reshape(phase.shape) * contacts).take(kind, axis=1)
+    within *= density
     steps = np.arange(contacts * density) / density
-    return sample_of * density, (shifts[:, None] + steps[None, :]).ravel()
+    return within, (shifts[:, None] + steps[None, :]).ravel()

@@ -6,13 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numba as nb
-import numpy as np
 
 from microhand_planner.core.grasp import tips_clear
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
 from microhand_planner.core.pose import FloatArray
-from microhand_planner.core.preload import preload_window_uN
-from microhand_planner.core.removal import grip_window_uN
 from microhand_planner.core.rotation_lattice import BoolArray, IntArray, RotationLattice
 
 
@@ -87,38 +84,3 @@ def rolls(
         if not (field.usable[here] and field.usable[there] and clear_of(field, here, there)):
             return False
     return True
-
-
-@nb.njit(cache=True)
-def lets_go(
-    field: SearchField, stay: int, keep: int, leave: int
-) -> bool:  # pragma: no cover - compiled
-    """Return whether fingers on the samples `stay` and `keep` hold while `leave` is removed."""
-    both_um = np.zeros((2, 2))
-    both_normal = np.zeros((2, 2))
-    both_um[0] = field.contact_um[stay]
-    both_um[1] = field.contact_um[keep]
-    both_normal[0] = field.normal[stay]
-    both_normal[1] = field.normal[keep]
-    if field.planned_grip:
-        low, high = preload_window_uN(
-            both_um,
-            both_normal,
-            field.contact_um[leave],
-            field.normal[leave],
-            field.friction,
-            field.pull_off_uN,
-            field.max_force_uN,
-            field.margin_uN,
-        )
-        return high - low >= 2.0 * field.tolerance_uN
-    low, high = grip_window_uN(
-        both_um,
-        both_normal,
-        field.contact_um[leave],
-        field.normal[leave],
-        field.friction,
-        field.pull_off_uN,
-        field.max_force_uN,
-    )
-    return low <= high

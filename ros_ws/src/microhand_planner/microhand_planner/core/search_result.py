@@ -39,9 +39,12 @@ class SearchResult:
         From start to goal: the tracks of fingers 1, 2, 3 (-1: free) and the orientation.
     expanded : int
         States expanded.
+    waiting : int
+        States met and not done with at the end: 'to be visited' in [Kumar2021] Table 4.
     """
 
     outcome: Outcome
     cost_ndeg: int
     states: IntArray
     expanded: int
+    waiting: int

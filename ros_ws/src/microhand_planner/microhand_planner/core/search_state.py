@@ -11,6 +11,7 @@ the names of their fingers are one state (`sorted_grasp`), and there are six tim
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -31,34 +32,52 @@ _RECONFIGURATIONS_LEFT = np.array([[6, 4, 0], [5, 3, 1], [4, 2, 2]])
 # The same when any finger may end on any goal track: the least over the six goals.
 # Row: three fingers placed or two; column: fingers on a goal track.
 _RECONFIGURATIONS_LEFT_OF_ANY = np.array([[4, 2, 0], [5, 3, 1]])
+_MOST_LEFT = 6
 
 
-@nb.njit(cache=True, inline='always')
-def pack(
-    grasp: Grasp, orientation: int, tracks: int, orientations: int
-) -> int:  # pragma: no cover - compiled
-    """Return a state as one integer."""
-    base = tracks + 1
-    code = ((grasp[0] + 1) * base + grasp[1] + 1) * base + grasp[2] + 1
-    return code * orientations + orientation
+class Packing(NamedTuple):
+    """Bits of the fields of a packed state: three tracks above an orientation.
+
+    Parameters
+    ----------
+    track, orientation : int
+        Widths.
+    """
+
+    track: int
+    orientation: int
 
 
-@nb.njit(cache=True, inline='always')
-def unpack(
-    key: int, tracks: int, orientations: int
-) -> tuple[Grasp, int]:  # pragma: no cover - compiled
-    """Return grasp and orientation of a packed state."""
-    base = tracks + 1
-    rest = key // orientations
-    third = rest % base - 1
-    rest //= base
-    return (rest // base - 1, rest % base - 1, third), key % orientations
+def packing(tracks: int, orientations: int) -> Packing:
+    """Return the packing for so many tracks, and none, and so many orientations."""
+    return Packing(tracks.bit_length(), (orientations - 1).bit_length())
 
 
-def unpack_all(keys: IntArray, tracks: int, orientations: int) -> IntArray:
+@nb.njit(cache=True, _nrt=False)
+def pack_grasp(grasp: Grasp, bits: Packing) -> int:  # pragma: no cover - compiled
+    """Return a grasp as one integer."""
+    code = (grasp[0] + 1) << bits.track | (grasp[1] + 1)
+    return code << bits.track | (grasp[2] + 1)
+
+
+@nb.njit(cache=True, _nrt=False)
+def unpack_grasp(code: int, bits: Packing) -> Grasp:  # pragma: no cover - compiled
+    """Return a packed grasp."""
+    tracks = (1 << bits.track) - 1
+    return (code >> 2 * bits.track) - 1, (code >> bits.track & tracks) - 1, (code & tracks) - 1
+
+
+def unpack_all(keys: IntArray, bits: Packing) -> IntArray:
     """Return packed states as rows of three tracks and an orientation, (k, 4) int, read-only."""
-    rows = [(*grasp, at) for grasp, at in (unpack(key, tracks, orientations) for key in keys)]
-    states = np.array(rows, dtype=np.int64).reshape(-1, 4)
+    tracks = (1 << bits.track) - 1
+    code = keys >> bits.orientation
+    columns = (
+        (code >> 2 * bits.track) - 1,
+        (code >> bits.track & tracks) - 1,
+        (code & tracks) - 1,
+        keys & ((1 << bits.orientation) - 1),
+    )
+    states = np.stack(columns, axis=1)
     states.setflags(write=False)
     return states
 
@@ -120,14 +139,14 @@ def sorted_grasp(grasp: Grasp) -> Grasp:  # pragma: no cover - compiled
     return (a, b, c)
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, _nrt=False)
 def reconfigurations_left(
     grasp: Grasp, goal: Grasp, interchangeable: bool
 ) -> int:  # pragma: no cover - compiled
     """Return the least number of placements and removals to the goal ([Kumar2021] Table 1).
 
     A finger is on its goal's track (dp, Eq. 14-16), on another (ip), used in one of the two
-    grasps only (ar), or in neither (nu).
+    grasps only (ar), or in neither (nu). To `ANY_GRASP` a third finger must be removed.
     """
     on_goal_track = 0
     in_one_only = 0
@@ -141,43 +160,34 @@ def reconfigurations_left(
             in_one_only += 1
         elif track >= 0 and track == goal[finger]:
             on_goal_track += 1
+    if is_any(goal):
+        return placed - 2
     if interchangeable:
         return _RECONFIGURATIONS_LEFT_OF_ANY[placed - 2, on_goal_track]
     return _RECONFIGURATIONS_LEFT[in_one_only, on_goal_track]
 
 
-@nb.njit(cache=True)
-def paper_estimate_ndeg(
-    grasp: Grasp, goal: Grasp, theta_ndeg: int, goal_theta_ndeg: int, interchangeable: bool
-) -> int:  # pragma: no cover - compiled
-    """Return the heuristic of [Kumar2021] Eq. 13: never more than the cost that is left."""
-    rolling = 2 * abs(theta_ndeg - goal_theta_ndeg)
-    if is_any(goal):
-        return rolling
-    return rolling + RECONFIGURATION_NDEG * reconfigurations_left(grasp, goal, interchangeable)
+def estimate_ranks(theta_ndeg: IntArray, end: int) -> tuple[IntArray, int]:
+    """Give a rank to every value that the heuristic can have, the least first.
 
+    Parameters
+    ----------
+    theta_ndeg : (m,) int
+        Orientations [1e-9 deg].
+    end : int
+        Index of the goal's.
 
-@nb.njit(cache=True, inline='always')
-def goal_tracks(
-    goal: Grasp, finger: int, interchangeable: bool
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Return the tracks on which a finger that is placed lowers the estimate; -1: none."""
-    if interchangeable:
-        return (goal[0], goal[1])
-    return (goal[finger], ABSENT)
-
-
-@nb.njit(cache=True)
-def trace_back(key: int, parent_of: nb.types.DictType) -> IntArray:  # pragma: no cover - compiled
-    """Return the packed states from the start of a search to `key`; a start is its own parent."""
-    length = 1
-    step = key
-    while parent_of[step] != step:
-        step = parent_of[step]
-        length += 1
-    path = np.zeros(length, dtype=np.int64)
-    step = key
-    for position in range(length - 1, -1, -1):
-        path[position] = step
-        step = parent_of[step]
-    return path
+    Returns
+    -------
+    ranks : (m, 7) int
+        For an orientation, and 0 to 6 placements and removals that are left.
+    count : int
+        Number of different values.
+    """
+    rolling = 2 * np.abs(theta_ndeg - theta_ndeg[end])
+    estimates = rolling[:, None] + RECONFIGURATION_NDEG * np.arange(_MOST_LEFT + 1)
+    order = np.argsort(estimates, axis=None, kind='stable')
+    rises = np.diff(estimates.ravel()[order], prepend=-1) > 0
+    ranks = np.zeros(estimates.shape, dtype=np.int64)
+    ranks.ravel()[order] = np.cumsum(rises) - 1
+    return ranks, int(rises.sum())

@@ -4,51 +4,47 @@
 With adhesion a grasp of three is stable exactly when its pairs are, so 'place k, roll on three,
 remove i' is never better than 'roll on two, place k, remove i'. What is left of the graph of
 [Kumar2021] §3.3 are grasps of two fingers, rolls, and *swaps* (place the free finger, remove one
-of the others; cost 360 deg). On them runs A* with the heuristic of [Kumar2021] Eq. 13, in integer
-costs; ties are broken by the smaller heuristic ([Kumar2021] §4), then by the younger state.
-
-A state has some hundred swaps, nearly all of them dear. Their estimates exceed the state's own by
-0, 360 or 720 deg; so a state is expanded in up to three stages, one for each, and waits in the
-queue in between at the estimate of what it has left to offer.
+of the others; cost 360 deg). On them runs A* in integer costs. Its estimate is that of
+[Kumar2021] Eq. 13 with what `outlook` finds to be missing there; ties are broken by the smaller
+Eq. 13 ([Kumar2021] §4), then by the younger state.
 """
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterator
 
-import numba as nb
 import numpy as np
 
+from microhand_planner.core.exploration import explore, uninterrupted
+from microhand_planner.core.known_verdicts import known_verdicts
+from microhand_planner.core.outlook import SWAP_NDEG, no_outlook
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
+from microhand_planner.core.removal_verdicts import contact_columns, removal_law
 from microhand_planner.core.rotation_lattice import IntArray, RotationLattice
-from microhand_planner.core.search_field import SearchField, clear_of, lets_go, rolls, search_field
-from microhand_planner.core.search_result import NO_BOUND, Outcome, SearchResult
+from microhand_planner.core.search_field import search_field
+from microhand_planner.core.search_result import NO_BOUND, SearchResult
 from microhand_planner.core.search_state import (
     ABSENT,
-    RECONFIGURATION_NDEG,
     Grasp,
-    goal_tracks,
+    estimate_ranks,
     is_any,
-    named_fingers,
-    pack,
-    paper_estimate_ndeg,
+    pack_grasp,
+    packing,
+    reconfigurations_left,
     sorted_grasp,
-    trace_back,
-    unpack,
-    unpack_all,
-    with_finger,
 )
-
-_SWAP_NDEG = 2 * RECONFIGURATION_NDEG
-_LAST_STAGE = 2
+from microhand_planner.core.starting_grasps import starting_grasps
+from microhand_planner.core.states import no_states
+from microhand_planner.core.swap_steps import Known, run
+from microhand_planner.core.swap_task import Task
 
 
 def swap_search(
     lattice: RotationLattice,
     finger: Finger,
     law: ContactLaw,
-    starts: Sequence[Grasp] | IntArray,
+    start: Grasp,
     goal: Grasp,
     *,
     interchangeable: bool = True,
@@ -65,16 +61,14 @@ def swap_search(
         The planar problem.
     finger, law : Finger, ContactLaw
         Tips, and contacts with adhesion.
-    starts : (k, 3) int
-        Grasps to start from, of two fingers each; where several are as good, an earlier one is
-        preferred. More than one only with the goal `ANY_GRASP`.
-    goal : tuple of 3 int
-        Grasp of two fingers, or `ANY_GRASP`. The orientations are those of the lattice.
+    start, goal : tuple of 3 int
+        Grasps of two fingers, or `ANY_GRASP` for the goal or for both; the firmest of equally
+        good starts is taken. The orientations are those of the lattice.
     interchangeable : bool
         True: any finger may end on any track of the goal, and the path is that of the cheapest of
         its six permutations; fingers are then named along the path. False: as given.
     reverse : bool
-        True: search backward in time, from the lattice's goal orientation and the grasps `starts`
+        True: search backward in time, from the lattice's goal orientation and the grasp `start`
         to its start orientation and the grasp `goal`. The path is returned in forward order.
     bound_ndeg : int
         Stop as soon as no path costs less than this [1e-9 deg].
@@ -86,171 +80,106 @@ def swap_search(
     Returns
     -------
     SearchResult
+
+    Raises
+    ------
+    TimeLimitReached
+        The search has met more states than it has memory for.
     """
     begin, end = (lattice.goal, lattice.start) if reverse else (lattice.start, lattice.goal)
-    outcome, cost, keys, expanded = _search(
-        search_field(lattice, finger, law, rules),
-        np.asarray(starts, dtype=np.int64).reshape(-1, 3),
-        begin,
-        sorted_grasp(goal) if interchangeable else goal,
-        end,
-        interchangeable,
-        reverse,
-        bound_ndeg,
-        np.zeros(1, dtype=np.int64) if interrupt is None else interrupt,
+    if interchangeable:
+        start, goal = sorted_grasp(start), sorted_grasp(goal)
+    interrupt = uninterrupted() if interrupt is None else interrupt
+    theta_ndeg = lattice.theta_ndeg
+    ranks, rank_count = estimate_ranks(theta_ndeg, end)
+    field = search_field(lattice, finger, law, rules)
+    density = lattice.block // lattice.contacts
+    task = Task(
+        field=field,
+        columns=contact_columns(field, density),
+        place_of=lattice.sample_of // density,
+        law=removal_law(field),
+        contacts=lattice.contacts,
+        bits=packing(len(lattice.track_unit), len(theta_ndeg)),
+        goal=goal,
+        end=end,
+        interchangeable=interchangeable,
+        reverse=reverse,
+        bound_ndeg=bound_ndeg,
+        start_ndeg=2 * abs(int(theta_ndeg[begin] - theta_ndeg[end])),
+        left_of=_left_of(
+            (goal[0] >= 0, goal[1] >= 0, goal[2] >= 0), interchangeable=interchangeable
+        ),
+        ranks=ranks,
     )
-    states = unpack_all(keys, len(lattice.track_unit), len(lattice.theta_rad))
-    if reverse:
-        states = states[::-1]
-    if interchangeable and len(states) > 0:
-        states = named_fingers(states)
-    return SearchResult(Outcome(outcome), cost, states, expanded)
+    verdicts = known_verdicts(lattice)
+    outlook = no_outlook(len(theta_ndeg))
+    tracks = np.zeros(len(lattice.track_unit), dtype=np.int64)
+
+    def starts() -> Iterator[int]:
+        """Yield the packed grasps to start from."""
+        if not (is_any(goal) or _stands(task, goal, end)):
+            return
+        if is_any(start):
+            for grasp in starting_grasps(field, begin, interrupt):
+                yield pack_grasp(sorted_grasp(grasp) if interchangeable else grasp, task.bits)
+        elif _stands(task, start, begin):
+            yield pack_grasp(start, task.bits)
+
+    return explore(
+        lambda states, code, more_starts: run(
+            task, Known(verdicts, states, outlook, tracks), code, begin, more_starts, interrupt
+        ),
+        no_states(len(theta_ndeg), rank_count, _totals_at_a_time(theta_ndeg), looks=True),
+        starts(),
+        task.bits,
+        several=is_any(start),
+        interchangeable=interchangeable,
+        reverse=reverse,
+    )
 
 
-@nb.njit(cache=True, inline='always')
-def _free_finger(grasp: Grasp) -> int:  # pragma: no cover - compiled
-    if grasp[0] < 0:
-        return 0
-    return 1 if grasp[1] < 0 else 2
-
-
-@nb.njit(cache=True)
-def _holds(
-    field: SearchField, grasp: Grasp, orientation: int
-) -> bool:  # pragma: no cover - compiled
+def _stands(task: Task, grasp: Grasp, at: int) -> bool:
     """Return whether two fingers may stand so at an orientation."""
-    free = _free_finger(grasp)
-    one = field.sample_of[grasp[(free + 1) % 3], orientation]
-    two = field.sample_of[grasp[(free + 2) % 3], orientation]
-    return field.usable[one] and field.usable[two] and clear_of(field, one, two)
+    x, y = np.diff(task.columns[4:, [task.place_of[track, at] for track in grasp if track >= 0]])
+    return bool(x[0] * x[0] + y[0] * y[0] >= task.law.least_um * task.law.least_um)
 
 
-@nb.njit(cache=True, nogil=True)
-def _search(
-    field: SearchField,
-    starts: IntArray,
-    begin: int,
-    goal: Grasp,
-    end: int,
-    interchangeable: bool,
-    reverse: bool,
-    bound_ndeg: int,
-    interrupt: IntArray,
-) -> tuple[int, int, IntArray, int]:  # pragma: no cover - compiled
-    """Run A*; see `swap_search`. Returns outcome, cost, packed states of the path, expansions."""
-    tracks, orientations = field.sample_of.shape
-    nothing = np.zeros(0, dtype=np.int64)
-    if len(starts) == 0 or not (is_any(goal) or _holds(field, goal, end)):
-        return 1, -1, nothing, 0
-    first_start = (starts[0, 0], starts[0, 1], starts[0, 2])
-    start_total = paper_estimate_ndeg(
-        first_start, goal, field.theta_ndeg[begin], field.theta_ndeg[end], interchangeable
-    )
-    cost_of = {pack(first_start, begin, tracks, orientations): 0}
-    parent_of = {pack(first_start, begin, tracks, orientations): 0}
-    cost_of.clear()
-    parent_of.clear()
-    queue = [(0, 0, 0, 0, 0)]
-    queue.clear()
-    age = 0
-    expanded = 0
-    next_start = 0
-    while True:
-        # starts join only when nothing better waits: most searches end in the first of them
-        while next_start < len(starts) and (len(queue) == 0 or queue[0][0] > start_total):
-            grasp = (starts[next_start, 0], starts[next_start, 1], starts[next_start, 2])
-            next_start += 1
-            if interchangeable:
-                grasp = sorted_grasp(grasp)
-            if _holds(field, grasp, begin):
-                key = pack(grasp, begin, tracks, orientations)
-                cost_of[key] = 0
-                parent_of[key] = key
-                age -= 1
-                heapq.heappush(queue, (start_total, start_total, age, key, 0))
-        if len(queue) == 0:
-            return 1, -1, nothing, expanded
-        if interrupt[0] != 0:
-            return interrupt[0], -1, nothing, expanded
-        total, estimate, _, key, stage = heapq.heappop(queue)
-        if total >= bound_ndeg:
-            return 2, -1, nothing, expanded
-        cost = cost_of[key]
-        if total - estimate != cost + stage * _SWAP_NDEG:
-            continue  # a cheaper way to this state has been found since
-        grasp, orientation = unpack(key, tracks, orientations)
-        if orientation == end and (is_any(goal) or grasp == goal):
-            return 0, cost, trace_back(key, parent_of), expanded
-        free = _free_finger(grasp)
-        first = (free + 1) % 3
-        second = (free + 2) % 3
+def _totals_at_a_time(theta_ndeg: IntArray) -> int:
+    """Return how many totals the expansion of a state brings at most.
 
-        if stage == 0:
-            expanded += 1
-            for arrive in (orientation - 1, orientation + 1):
-                if arrive < 0 or arrive >= orientations:
-                    continue
-                lower = min(orientation, arrive)
-                if not rolls(field, grasp[first], grasp[second], lower, arrive):
-                    continue
-                turn = abs(field.theta_ndeg[arrive] - field.theta_ndeg[orientation])
-                new_cost = cost + 2 * turn
-                new_key = pack(grasp, arrive, tracks, orientations)
-                if new_key in cost_of and cost_of[new_key] <= new_cost:
-                    continue
-                cost_of[new_key] = new_cost
-                parent_of[new_key] = key
-                left = paper_estimate_ndeg(
-                    grasp, goal, field.theta_ndeg[arrive], field.theta_ndeg[end], interchangeable
-                )
-                age -= 1
-                heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
+    A child exceeds its parent by whole swaps and a detour. There are as many detours cheaper than
+    a swap as orientations that near to the state's, or that near behind the goal's.
+    """
+    step_ndeg = int(np.diff(theta_ndeg).max(initial=1)) if len(theta_ndeg) > 1 else SWAP_NDEG
+    return 3 * (2 * (SWAP_NDEG // (4 * step_ndeg)) + 4)
 
-        for leave in (first, second):
-            stay = first + second - leave
-            stay_sample = field.sample_of[grasp[stay], orientation]
-            leave_sample = field.sample_of[grasp[leave], orientation]
-            without = with_finger(grasp, leave, ABSENT)
-            # the estimate depends on the new track only through 'is it a goal track', so all
-            # others are tried together; `tracks` stands for any of them
-            targets = goal_tracks(goal, free, interchangeable)
-            for target in (tracks, targets[0], targets[1]):
-                if target < 0:
-                    continue
-                left = paper_estimate_ndeg(
-                    with_finger(without, free, target), goal,
-                    field.theta_ndeg[orientation], field.theta_ndeg[end], interchangeable,
-                )  # fmt: skip
-                if left - estimate != (stage - 1) * _SWAP_NDEG:
-                    continue
-                low, high = (0, tracks) if target == tracks else (target, target + 1)
-                for track in range(low, high):
-                    if target == tracks and (track == targets[0] or track == targets[1]):
-                        continue
-                    sample = field.sample_of[track, orientation]
-                    if not (
-                        field.usable[sample]
-                        and clear_of(field, stay_sample, sample)
-                        and clear_of(field, leave_sample, sample)
-                    ):
-                        continue
-                    # backward in time, the finger that appears here is the one that was removed
-                    keep, go = sample, leave_sample
-                    if reverse:
-                        keep, go = go, keep
-                    if not lets_go(field, stay_sample, keep, go):
-                        continue
-                    new_grasp = with_finger(without, free, track)
-                    if interchangeable:
-                        new_grasp = sorted_grasp(new_grasp)
-                    new_key = pack(new_grasp, orientation, tracks, orientations)
-                    new_cost = cost + _SWAP_NDEG
-                    if new_key in cost_of and cost_of[new_key] <= new_cost:
-                        continue
-                    cost_of[new_key] = new_cost
-                    parent_of[new_key] = key
-                    age -= 1
-                    heapq.heappush(queue, (new_cost + left, left, age, new_key, 0))
-        if stage < _LAST_STAGE:
-            age -= 1
-            heapq.heappush(queue, (total + _SWAP_NDEG, estimate, age, key, stage + 1))
+
+@functools.cache
+def _left_of(used: tuple[bool, bool, bool], *, interchangeable: bool) -> IntArray:
+    """Return the placements and removals that are left for two fingers, (3, 2, 2) int.
+
+    By the finger f that is free, and by whether f + 1 and f + 2 are on tracks of the goal.
+
+    Parameters
+    ----------
+    used : (bool, bool, bool)
+        Which fingers the goal uses.
+    interchangeable : bool
+        As in `swap_search`.
+    """
+    goal = tuple(track if use else ABSENT for track, use in enumerate(used))
+    elsewhere = 3
+    left_of = np.zeros((3, 2, 2), dtype=np.int64)
+    for free, first_on, second_on in np.ndindex(3, 2, 2):
+        first, second = (free + 1) % 3, (free + 2) % 3
+        there = (goal[0], goal[1]) if interchangeable else (goal[first], goal[second])
+        grasp = [ABSENT] * 3
+        grasp[first] = there[0] if first_on else elsewhere
+        grasp[second] = there[1] if second_on else elsewhere
+        if grasp[first] >= 0 and grasp[second] >= 0:
+            left_of[free, first_on, second_on] = reconfigurations_left(
+                (grasp[0], grasp[1], grasp[2]), (goal[0], goal[1], goal[2]), interchangeable
+            )
+    left_of.setflags(write=False)
+    return left_of

@@ -137,7 +137,7 @@ def _row(
         reconfigurations=None if planned is None else planned.reconfigurations,
         cost_deg=None if planned is None else planned.cost_ndeg / NDEG,
         expanded=expanded,
-        waiting=getattr(planned, 'waiting', 0),
+        waiting=0 if planned is None else planned.waiting,
         time_s=clock() - started,
         paper=paper,
     )

@@ -260,24 +260,39 @@ def presses_lp(contact_um, normal, friction):
 # ---------------------------------------------------------------- closed forms of another kind
 
 
-def removable_from(pair_um, pair_normal, leave_um, leave_normal, law):
-    """Return which of k fingers a pair lets go, (k,) bool: null space of the grasp matrix."""
+def removable_from(pair_um, pair_normal, leave_um, leave_normal, law, rules=None):
+    """Return which of k fingers a pair lets go, (k,) bool: null space of the grasp matrix.
+
+    With `rules`, the same grip must do before the pull and under it, with their margin and
+    tolerance; the pseudo-inverse gives the answer of equal springs, see `least_energy_answer`.
+    """
     rows = grasp_rows(pair_um, pair_normal)
     pull = law.pull_off_uN * leave_normal
     wrench = np.column_stack([pull, planar_cross(leave_um, pull)])
     particular = -wrench @ np.linalg.pinv(rows).T
     free = np.linalg.svd(rows)[2][-1]
-    cone, limit = coulomb_rows(2, law.friction, law.pull_off_uN)
+    margin_uN = 0.0 if rules is None else rules.least_margin_uN
+    friction = law.friction * (1.0 if rules is None else rules.margin_factor)
+    cone, limit = coulomb_rows(2, friction, law.pull_off_uN)
     pick = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     matrix = np.vstack([cone, -pick, pick])
-    limits = np.array([*limit, 0.0, 0.0, law.max_force_uN, law.max_force_uN])
+    least, most = (0.0, law.max_force_uN)
+    if rules is not None:
+        least, most = margin_uN - law.pull_off_uN, law.max_force_uN - margin_uN / friction
+    limits = np.array([*(limit - margin_uN), -least, -least, most, most])
     slope = matrix @ free
-    room = limits - particular @ matrix.T
-    with np.errstate(divide='ignore', invalid='ignore'):
-        ends = room / slope
-    high = np.min(np.where(slope > 1e-12, ends, math.inf), axis=1)
-    low = np.max(np.where(slope < -1e-12, ends, -math.inf), axis=1)
-    return (low <= high) & np.all((np.abs(slope) > 1e-12) | (room >= 0.0), axis=1)
+    low, high = np.full(len(wrench), -math.inf), np.full(len(wrench), math.inf)
+    possible = np.ones(len(wrench), dtype=bool)
+    for share in (1.0,) if rules is None else (0.0, 1.0):
+        room = limits - share * particular @ matrix.T
+        with np.errstate(divide='ignore', invalid='ignore'):
+            ends = room / slope
+        high = np.minimum(high, np.min(np.where(slope > 1e-12, ends, math.inf), axis=1))
+        low = np.maximum(low, np.max(np.where(slope < -1e-12, ends, -math.inf), axis=1))
+        possible &= np.all((np.abs(slope) > 1e-12) | (room >= 0.0), axis=1)
+    # both ends of `free` press along one line: each is the grip times the square root of a half
+    tolerance_uN = 0.0 if rules is None else rules.grip_tolerance_uN
+    return possible & ((high - low) * math.sqrt(0.5) >= 2.0 * tolerance_uN) & (low <= high)
 
 
 def pairs_press(contact_um, normal, friction):

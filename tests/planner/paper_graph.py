@@ -92,10 +92,12 @@ class PaperGraph:
         Where fingers may stand.
     law, min_distance_um
         Contact law, and least distance of two tip centres.
+    rules
+        Margins that removals keep, or None: [Kumar2021] Eq. 4.
     """
 
-    def __init__(self, shape, lattice, law, min_distance_um):
-        self.shape, self.lattice, self.law = shape, lattice, law
+    def __init__(self, shape, lattice, law, min_distance_um, rules=None):
+        self.shape, self.lattice, self.law, self.rules = shape, lattice, law, rules
         self.min_distance_um = min_distance_um
         self.contact, self.normal, self.centre = shape.at(lattice.phase_rad)
         apart = np.linalg.norm(self.centre[:, None] - self.centre[None, :], axis=2)
@@ -138,7 +140,7 @@ class PaperGraph:
         if pair not in self.known_removals:
             self.known_removals[pair] = removable_from(
                 self.contact[list(pair)], self.normal[list(pair)],
-                self.contact, self.normal, self.law,
+                self.contact, self.normal, self.law, self.rules,
             )  # fmt: skip
         return self.holds(pair) and self.known_removals[pair][leave]
 

@@ -12,10 +12,11 @@ import time
 import numpy as np
 import pytest
 
+from microhand_planner.core import graph_search, starting_grasps, swap_steps
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.offset_curve import offset_curve
-from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.planar import solve_planar
 from microhand_planner.core.planar_problem import PlanarProblem
 from microhand_planner.core.planned_rotation import Problem, plan_planar_rotation
@@ -124,22 +125,31 @@ def random_rotation(rng, *, adhesion):
     return shape, finger, law, step_rad, angle_rad, ends
 
 
-def search(shape, finger, law, options, angle_rad, ends, bound_ndeg=None):
+def random_rules(rng):
+    """Return margins that some removals keep, and others do not."""
+    return GripRules(
+        margin_factor=rng.uniform(0.6, 1.0),
+        least_margin_uN=rng.uniform(0.001, 0.2),
+        grip_tolerance_uN=rng.uniform(0.01, 1.0),
+    )
+
+
+def search(shape, finger, law, options, angle_rad, ends, bound_ndeg=None, rules=None):
     """Return what the planner finds for one rotation: a `PlannedRotation` or None."""
     curve = offset_curve(ellipse_section(shape.a_um, shape.b_um, XY_PLANE), finger.radius_um)
-    problem = Problem(finger, law, options, time.monotonic, np.zeros(1, dtype=np.int64))
+    problem = Problem(finger, law, options, time.monotonic, np.zeros(1, dtype=np.int64), rules)
     bound = {} if bound_ndeg is None else {'bound_ndeg': bound_ndeg}
     rotation = PlanarRotation('z', angle_rad)
     planned, _ = plan_planar_rotation(rotation, curve, problem, *ends, **bound)
     return planned
 
 
-def dijkstra_cost_of_rotation(shape, finger, law, step_rad, angle_rad, ends):
+def dijkstra_cost_of_rotation(shape, finger, law, step_rad, angle_rad, ends, rules=None):
     """Return the cost of a rotation with exact phases by the oracle [deg], or None."""
     lattice = robust_lattice(
         shape.turn_rad, step_rad, angle_rad, *(() if end is None else end for end in ends)
     )
-    graph = PaperGraph(shape, lattice, law, finger.min_distance_um)
+    graph = PaperGraph(shape, lattice, law, finger.min_distance_um, rules)
     nodes = []
     for end, theta_deg in zip(ends, (0.0, math.degrees(angle_rad)), strict=True):
         at = int(np.argmin(np.abs(lattice.theta_deg - theta_deg)))
@@ -150,16 +160,20 @@ def dijkstra_cost_of_rotation(shape, finger, law, step_rad, angle_rad, ends):
     return graph.cheapest(*nodes, named=False)
 
 
-@pytest.mark.parametrize(('adhesion', 'count', 'seed'), [(True, 25, 303), (False, 12, 404)])
-def test_robust_mode_costs_what_dijkstra_on_the_whole_graph_costs(adhesion, count, seed):
+@pytest.mark.parametrize(
+    ('adhesion', 'margins', 'count', 'seed'),
+    [(True, False, 20, 303), (True, True, 20, 505), (False, False, 12, 404)],
+)
+def test_robust_mode_costs_what_dijkstra_on_the_whole_graph_costs(adhesion, margins, count, seed):
     """Over random rotations with ends off the lattice: equal costs, or both say 'no path'."""
     rng = np.random.default_rng(seed)
     solved = 0
     for _ in range(count):
         case = random_rotation(rng, adhesion=adhesion)
         shape, finger, law, step_rad, angle_rad, ends = case
-        found = search(shape, finger, law, SearchOptions(step_rad), angle_rad, ends)
-        expected = dijkstra_cost_of_rotation(*case)
+        rules = random_rules(rng) if margins else None
+        found = search(shape, finger, law, SearchOptions(step_rad), angle_rad, ends, rules=rules)
+        expected = dijkstra_cost_of_rotation(*case, rules)
         assert (found is None) == (expected is None), case
         if expected is not None:
             assert found.cost_ndeg / NDEG == pytest.approx(expected, abs=1e-5), case
@@ -348,6 +362,24 @@ def test_cost_does_not_depend_on_the_step_here():
         )
         assert found.cost_ndeg / NDEG == pytest.approx(1880.0, abs=1e-6)
         assert found.reconfigurations == 8
+
+
+def test_all_requests_share_one_compiled_search():
+    """Modes, steps, margins and free ends make no new types: compiling takes seconds each time."""
+    shape = Ellipse(15.2, 12.7, 4.5)
+    joints = (0.0, shape.turn_rad / 2)
+    for adhesion, step_deg, rules in itertools.product(
+        (True, False), (20.0, 10.0, 1.5), (None, GripRules())
+    ):
+        law = ContactLaw(friction=0.5, adhesion=adhesion)
+        for ends in ([joints, joints], [None, joints], [None, None]):
+            options = SearchOptions(math.radians(step_deg))
+            search(shape, Finger(), law, options, math.radians(31.0), ends, rules=rules)
+        solve_planar(
+            PlanarProblem(PAPER_AXES_UM, 74, 20.0, 3, (1, 38, 0, 1), (1, 38, 0, 3), law=law)
+        )
+    for compiled in (swap_steps.run, graph_search.run, starting_grasps.next_block):
+        assert len(compiled.signatures) == 1
 
 
 def test_equal_rotations_have_equal_paths():

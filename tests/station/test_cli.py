@@ -328,11 +328,13 @@ def test_a_planar_problem_without_a_path_is_status_3(run, tmp_path):
 
 
 def test_help_teaches_by_examples(run):
-    """Every command shows at least one line that can be typed as it stands."""
+    """Every command shows an example on a line of its own, to be typed as it stands."""
     for command in app.COMMANDS:
         status, stdout, _ = run(command, '--help')
         assert status == 0
-        assert f'microhand {command}' in stdout or 'Example of' in stdout
+        lines = [line.strip() for line in stdout.splitlines()]
+        assert any(line.startswith(f'microhand {command}') for line in lines)
+        assert '\\b' not in stdout
     status, stdout, _ = run('--help')
     assert status == 0
     assert all(command in stdout for command in app.COMMANDS)

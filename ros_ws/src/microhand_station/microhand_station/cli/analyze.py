@@ -22,7 +22,7 @@ from microhand_station.cli.reading import reading
 KEYS = ('report', 'held', 'tracking_error_um', 'object_error_deg', 'final_error_deg', 'events')
 
 
-@click.command()
+@click.command(short_help='Write a report of a recorded run, or compare two.')
 @click.argument('record', type=click.Path(path_type=Path), metavar='RUN.mcap')
 @click.option(
     '-o',
@@ -39,7 +39,7 @@ KEYS = ('report', 'held', 'tracking_error_um', 'object_error_deg', 'final_error_
 )
 @json_option
 def analyze(record: Path, output: Path | None, compare: Path | None, as_json: bool) -> None:
-    r"""Write a report of a recorded run: a page that any browser opens, without a network.
+    """Write a report of a recorded run: a page that any browser opens, without a network.
 
     What was asked, what was planned, whether it held, where it was worst; object and fingers in
     space over time; positions, errors and forces beside it. Also of runs that ended in a crash:
@@ -50,6 +50,7 @@ def analyze(record: Path, output: Path | None, compare: Path | None, as_json: bo
       microhand analyze runs/demo.mcap
       microhand analyze runs/demo.mcap --json
       microhand analyze today.mcap --compare yesterday.mcap -o both.html
+      microhand analyze examples/reorientation.mcap -o look.html     # a run that is shipped
     """
 
     def work() -> dict[str, Any]:

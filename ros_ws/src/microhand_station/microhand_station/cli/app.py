@@ -29,6 +29,7 @@ COMMANDS = (
 )
 """Each is the function of that name in the module of that name beside this one."""
 
+SETTINGS = {'help_option_names': ['-h', '--help'], 'max_content_width': 100}
 BAD_REQUEST = 2
 FAILED = 4
 INTERRUPTED = 130
@@ -50,17 +51,25 @@ class Commands(click.Group):
         return command
 
 
-@click.group(cls=Commands, context_settings={'help_option_names': ['-h', '--help']})
+@click.group(cls=Commands, context_settings=SETTINGS)
 @click.version_option(package_name='microhand_station')
 def microhand() -> None:
-    r"""Plan and run the reorientation of a micro-object held by three fingers.
+    """Plan and run the reorientation of a micro-object held by three fingers.
 
     \b
     Start here:
-      microhand demo                                     a whole simulated station, once
-      microhand plan ellipsoid --euler-zyz 80 220 100    the plan alone
+      microhand demo                     a whole simulated station, once
+    or step by step:
+      microhand plan ellipsoid --euler-zyz 80 220 100 -o turn.json
+      microhand verify turn.json         would it hold? A physics engine says
+      microhand station --view           a station with a page in the browser
+      microhand analyze RUN.mcap         how a recorded run went
 
-    Exit status: 0 done; 2 bad request; 3 no plan; 4 the run failed.
+    `microhand COMMAND --help` has examples of each command. With --json, commands print one JSON
+    object for programs.
+
+    Exit status: 0 done; 2 bad request; 3 no plan; 4 the run failed; 130 interrupted. What is wrong
+    is said in one line on stderr: the field, its value and what is allowed.
     """
 
 

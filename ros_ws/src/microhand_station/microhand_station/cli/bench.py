@@ -17,10 +17,10 @@ from microhand_station.cli.answer import answer, json_option
 from microhand_station.cli.row_progress import collected
 
 
-@click.command()
+@click.command(short_help='Measure how long plans take on this machine.')
 @json_option
 def bench(as_json: bool) -> None:
-    r"""Measure the planner: medians of several runs, about a minute.
+    """Measure the planner: medians of several runs, about a minute.
 
     \b
     plan                    the object of the paper's Table 4, its sections in memory; all
@@ -31,6 +31,10 @@ def bench(as_json: bool) -> None:
     plan in a new process   from starting Python to its end
 
     Other work on the machine makes the figures worse: look at the fastest run as well.
+
+    \b
+    Example:
+      microhand bench --json
     """
 
     def work() -> dict[str, Any]:

@@ -36,25 +36,25 @@ STATION_KEYS = ('config', 'namespace', 'domain_id', 'run_dir', 'speed')
 PAPER_ZYZ_DEG = (80.0, 220.0, 100.0)
 
 
-@click.command()
+@click.command(short_help='A station, one reorientation, its record and report; then end.')
 @click.argument('object_name', metavar='[OBJECT]', default='ellipsoid')
 @request_options
 @station_options
 @json_option
 def demo(object_name: str, as_json: bool, **options: Any) -> None:
-    r"""Run a whole simulated station for one reorientation of OBJECT.
+    """Run a whole simulated station for one reorientation of OBJECT.
 
     Starts planner, sequencer, recorder, three stage drivers and the twin that stands in for the
     object as processes of their own, asks the planner for a plan and the sequencer to execute it,
-    and writes a record and a report. OBJECT is a mesh file or a name of the catalogue, `ellipsoid`
-    if left out; the rotation of the paper, 80 220 100, is the default. Exit status 4 if the
-    object is lost.
+    and writes plan, record, report and logs into a new folder below --run-dir. OBJECT is a mesh
+    file or a name of the catalogue, `ellipsoid` if left out; the rotation of the paper, 80 220
+    100, is the default. Exit status 4 if the object is lost, or the run ended early.
 
     \b
     Examples:
       microhand demo
       microhand demo part.stl --unit mm --euler-zyz 0 90 0 --speed 2
-      microhand demo ellipsoid --json
+      microhand demo convex --euler-zyz 0 60 0 --config station.yaml --json
     """
     of_station = {key: options.pop(key) for key in STATION_KEYS}
     if options['quaternion'] is None and options['euler_zyz'] is None:

@@ -18,7 +18,7 @@ from microhand_station.cli.answer import answer, json_option
 from microhand_station.cli.reading import reading
 
 
-@click.command()
+@click.command(short_help='Write the messages of a record as CSV tables.')
 @click.argument('record', type=click.Path(path_type=Path), metavar='RUN.mcap')
 @click.option(
     '--csv',
@@ -44,7 +44,7 @@ def export(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    r"""Write the messages of a record as CSV files: one tidy table per topic.
+    """Write the messages of a record as CSV files: one tidy table per topic.
 
     Units stand in the heads, as in `position.x [m]`. The first column is the time since the first
     message of the record; --from and --to count from there, too. A record that ended in a crash is

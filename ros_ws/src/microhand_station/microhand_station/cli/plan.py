@@ -29,7 +29,7 @@ from microhand_station.cli.spinner import interruptible, spinner
 from microhand_station.contact_config import STIFFNESS_N_PER_M
 
 
-@click.command()
+@click.command(short_help='Plan a reorientation. Nothing moves.')
 @click.argument('object_name', metavar='OBJECT')
 @request_options
 @click.option(
@@ -37,7 +37,7 @@ from microhand_station.contact_config import STIFFNESS_N_PER_M
     nargs=9,
     type=float,
     metavar='X1 Y1 Z1 ... Z3',
-    help='Tip centres of fingers 1, 2, 3 that hold the object now, station frame; nan: free.  '
+    help='Tip centres of fingers 1, 2, 3 that hold the object now, station frame, µm; nan: free.  '
     '[default: the planner chooses]',
 )
 @click.option(
@@ -45,13 +45,13 @@ from microhand_station.contact_config import STIFFNESS_N_PER_M
     '--output',
     type=click.Path(dir_okay=False, path_type=Path),
     metavar='PLAN.json',
-    help='Write the plan to a file.',
+    help='Write the plan to a file, for `microhand verify`.',
 )
 @click.option(
     '--price-of-margin',
     'with_price',
     is_flag=True,
-    help='Show what the plan would cost with more and with less margin.',
+    help='Show also what the plan would cost with more and with less margin.',
 )
 @json_option
 def plan(
@@ -62,10 +62,14 @@ def plan(
     as_json: bool,
     **options: Any,
 ) -> None:
-    r"""Plan how three fingers bring OBJECT into another orientation.
+    """Plan how three fingers bring OBJECT into another orientation.
 
-    OBJECT is a mesh file (STL, OBJ, PLY, ...; in µm unless --unit says otherwise), or the name of
-    an object of the catalogue: ellipsoid, convex, concave, ... Nothing moves.
+    OBJECT is a mesh file (STL, OBJ, PLY, OFF, GLB, 3MF; in µm unless --unit says otherwise), or
+    the name of an object of the catalogue: ellipsoid, convex, concave. Nothing moves.
+
+    The answer is the cheapest plan: rolling costs the angle times the fingers in contact, placing
+    or removing a finger 180°. Of all grips it tells the tightest: how far it is from slipping.
+    Exit status 3: there is no plan; says whether that is proven, or the time limit was reached.
 
     \b
     Examples:
@@ -73,6 +77,7 @@ def plan(
       microhand plan part.stl --unit mm --quaternion 0.92 0 0.38 0 -o turn.json
       microhand plan ellipsoid --euler-zyz 0 90 0 --step-deg 10 --json
       microhand plan convex --euler-zyz 40 110 30 --price-of-margin
+      microhand plan ellipsoid --euler-zyz 40 110 30 --margin 0.7 --step-deg 10
     """
     known: dict[str, Any] = {'price_of_margin': None}
 

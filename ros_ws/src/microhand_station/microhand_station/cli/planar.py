@@ -23,11 +23,11 @@ from microhand_station.cli.spinner import interruptible, spinner
 KEYS = ('cost_deg', 'reconfigurations', 'path', 'expanded', 'time_s')
 
 
-@click.command()
+@click.command(short_help='Solve one planar rotation on the lattice of the paper.')
 @click.argument('problem', type=click.Path(path_type=Path), metavar='PROBLEM.json')
 @json_option
 def planar(problem: Path, as_json: bool) -> None:
-    r"""Solve one planar rotation of an ellipse, on the lattice of the paper.
+    """Solve one planar rotation of an ellipse, on the lattice of the paper.
 
     The answer is a cheapest path of grasps [i j k l] by the paper's cost. Contact 1 lies at
     (a, 0), contacts are numbered counter-clockwise along the path of the tip's centre; 0 is a
@@ -40,6 +40,10 @@ def planar(problem: Path, as_json: bool) -> None:
     and what may be added, with its defaults:
       {"finger_radius_um": 4.5, "friction": 0.3, "pull_off_uN": 1.5,
        "max_force_uN": 30, "adhesion": true}
+
+    \b
+    Example:
+      microhand planar problem.json --json
     """
     answer(as_json, KEYS, lambda: _solve(problem, as_json), _show)
 

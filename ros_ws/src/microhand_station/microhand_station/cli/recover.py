@@ -14,12 +14,12 @@ from microhand_station.cli.reading import reading
 from microhand_station.recording.recover import recover as recover_record
 
 
-@click.command()
+@click.command(short_help='Save what is readable of a broken record.')
 @click.argument('broken', type=click.Path(path_type=Path), metavar='BROKEN.mcap')
 @click.argument('out', type=click.Path(path_type=Path), metavar='OUT.mcap')
 @json_option
 def recover(broken: Path, out: Path, as_json: bool) -> None:
-    r"""Copy every readable message of a record that was not finished into a sound file.
+    """Copy every readable message of a record that was not finished into a sound file.
 
     A record is broken if the recorder was killed, or its disk was full. BROKEN stays as it is.
 

@@ -19,7 +19,7 @@ from microhand_station.replay.player import Player, Wishes
 KEYS = ('messages', 'rounds', 'topics', 'left_out')
 
 
-@click.command()
+@click.command(short_help='Publish the messages of a record again.')
 @click.argument('record', type=click.Path(path_type=Path), metavar='RUN.mcap')
 @click.option('--rate', type=float, default=1.0, show_default=True, help='So many times as fast.')
 @click.option('--loop', is_flag=True, help='Begin anew at the end, until interrupted.')
@@ -43,7 +43,7 @@ KEYS = ('messages', 'rounds', 'topics', 'left_out')
 )
 @json_option
 def replay(record: Path, as_json: bool, **wishes: Any) -> None:
-    r"""Publish the messages of a record again: in their order, at their pace, with their QoS.
+    """Publish the messages of a record again: in their order, at their pace, with their QoS.
 
     Times in the messages are moved to now, so that nodes take them for fresh; or, with --clock,
     left as they are, for nodes that run with use_sim_time. Before it begins it waits until every

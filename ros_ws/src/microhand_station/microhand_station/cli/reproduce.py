@@ -33,16 +33,20 @@ class PaperTable(NamedTuple):
     show: Callable[[Console, list[Row]], None]
 
 
-@click.command()
+@click.command(short_help='Print a table of the paper beside ours.')
 @click.argument('table', type=click.Choice(['table2', 'table3', 'table4']))
 @json_option
 def reproduce(table: str, as_json: bool) -> None:
-    r"""Compute a table of the paper and print its figures beside ours.
+    """Compute a table of the paper and print its figures beside ours.
 
     \b
     table2  how friction and adhesion decide how many grasps are stable (half a minute)
     table3  the ellipsoid's second rotation, to each of its six goals
     table4  whole rotations of the three objects, with and without adhesion
+
+    \b
+    Example:
+      microhand reproduce table3
     """
     chosen = TABLES[table]
 

@@ -53,7 +53,11 @@ class Request:
 _CLEARANCE_UM = {Mode.ROBUST.value: 0.5, Mode.PAPER.value: 0.0}
 
 _OPTIONS = (
-    click.option('--unit', type=click.Choice(list(UNITS_UM)), help='Unit of the mesh file [um].'),
+    click.option(
+        '--unit',
+        type=click.Choice(list(UNITS_UM)),
+        help="Unit of the mesh file.  [default: the catalogue's, or um]",
+    ),
     click.option(
         '--euler-zyz',
         nargs=3,
@@ -62,7 +66,11 @@ _OPTIONS = (
         help='Rotation Rz(A) Ry(B) Rz(C) in the object frame, degrees.',
     ),
     click.option(
-        '--quaternion', nargs=4, type=float, metavar='W X Y Z', help='Rotation, object frame.'
+        '--quaternion',
+        nargs=4,
+        type=float,
+        metavar='W X Y Z',
+        help='The same as a quaternion; w first.',
     ),
     click.option(
         '--translation-um',
@@ -70,7 +78,7 @@ _OPTIONS = (
         type=float,
         default=(0.0, 0.0, 0.0),
         metavar='X Y Z',
-        help='Translation in the station frame [0 0 0].',
+        help='Translation in the station frame, µm.  [default: 0 0 0]',
     ),
     click.option(
         '--mode',
@@ -85,16 +93,22 @@ _OPTIONS = (
         type=float,
         default=20.0,
         show_default=True,
-        help='Largest rotation between two chances to regrasp.',
+        help='Largest rotation between two chances to regrasp: smaller finds more plans, later.',
     ),
-    click.option('--friction', type=float, default=0.3, show_default=True, help='Coulomb.'),
+    click.option(
+        '--friction',
+        type=float,
+        default=0.3,
+        show_default=True,
+        help='Coulomb coefficient that the plan assumes.',
+    ),
     click.option(
         '--pull-off-uN',
         'pull_off_un',
         type=float,
         default=1.5,
         show_default=True,
-        help='Force that detaches a tip, µN.',
+        help='Force that detaches a tip, µN, as the plan assumes.',
     ),
     click.option('--no-adhesion', is_flag=True, help='Plan as if nothing stuck.'),
     click.option(
@@ -110,19 +124,19 @@ _OPTIONS = (
         type=float,
         default=4.5,
         show_default=True,
-        help='Radius of the spherical tips.',
+        help='Radius of the spherical tips, µm.',
     ),
     click.option(
         '--clearance-um',
         type=float,
-        help='Distance kept between tips [0.5; 0 in paper mode].',
+        help='Free distance kept between tips, µm.  [default: 0.5; 0 in paper mode]',
     ),
     click.option(
         '--margin',
         type=float,
         default=GripRules.margin_factor,
         show_default=True,
-        help='Share of the friction that removals are planned with.',
+        help='Share of the friction that removals are planned with; 1: no reserve.',
     ),
     click.option(
         '--roll-margin',
@@ -155,7 +169,9 @@ _OPTIONS = (
         show_default=True,
         help='A grip may be off by as much, and keeps its margin, µN.',
     ),
-    click.option('--time-limit', type=float, metavar='S', help='Give up searching after S s.'),
+    click.option(
+        '--time-limit', type=float, metavar='S', help='Give up searching after S seconds.'
+    ),
 )
 
 

@@ -23,14 +23,14 @@ from microhand_station.view.address import (
 LOOK_S = 0.2
 
 
-@click.command()
+@click.command(short_help='Run a simulated station that waits for requests.')
 @station_options
 @click.option('--view', is_flag=True, help='Show the station on a page in the browser.')
 @click.option(
     '--view-port',
     type=int,
     metavar='PORT',
-    help=f'Of the page; 0: any that is free  [{DEFAULT_PORT}].',
+    help=f'Of the page; 0: any that is free.  [default: {DEFAULT_PORT}]',
 )
 @click.option(
     '--view-host',
@@ -51,17 +51,20 @@ def station(
     view_token: str | None,
     **options: Any,
 ) -> None:
-    r"""Run a simulated station: planner, sequencer, recorder, three stage drivers and a twin.
+    """Run a simulated station: planner, sequencer, recorder, three stage drivers and a twin.
 
-    Each is a process of its own, with its log in the folder of the run. Ctrl-C ends them all.
+    Each is a process of its own, with its log in the folder of the run. `station ready` says that
+    requests are answered: from the page (--view), from other ROS nodes, or from Python by
+    microhand_station.client. Ctrl-C ends them all.
 
     \b
     Examples:
       microhand station
       microhand station --view                # and a page that shows it, and asks it for runs
+      microhand station --config ours.yaml    # other stages, fingers, contact speed, friction
       microhand station --namespace left      # beside another one, by names
       microhand station --domain-id 7         # beside another one, by domain
-    and then, in another terminal:
+    and then, where ROS 2 is installed:
       ros2 service call /planner/list_objects microhand_msgs_py/srv/ListObjects
     """
     choice = station_choice('station', **options)

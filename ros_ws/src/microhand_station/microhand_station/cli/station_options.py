@@ -42,12 +42,16 @@ _OPTIONS = (
         metavar='FILE',
         help='Station file (YAML); default: three 200 µm stages around the origin.',
     ),
-    click.option('--namespace', metavar='NAME', help='Put all names below NAME.'),
+    click.option(
+        '--namespace',
+        metavar='NAME',
+        help='Put all names of nodes and topics below NAME, for stations side by side.',
+    ),
     click.option(
         '--domain-id',
         type=click.IntRange(0, 101),
         metavar='N',
-        help='ROS domain; default: ROS_DOMAIN_ID.',
+        help='ROS domain, for stations that shall not see each other; default: ROS_DOMAIN_ID.',
     ),
     click.option(
         '--run-dir',

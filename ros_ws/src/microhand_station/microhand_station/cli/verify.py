@@ -42,7 +42,7 @@ KEYS = (
 )
 
 
-@click.command()
+@click.command(short_help='Run a plan in a physics engine: does the object stay held?')
 @click.argument('plan_file', type=click.Path(path_type=Path), metavar='PLAN.json')
 @click.option(
     '--object',
@@ -50,13 +50,15 @@ KEYS = (
     metavar='OBJECT',
     help="Mesh file, or name of the catalogue.  [default: the plan's object, by name]",
 )
-@click.option('--unit', type=click.Choice(list(UNITS_UM)), help='Unit of the mesh file [um].')
-@click.option('--friction', type=float, help="True Coulomb coefficient  [the plan's].")
+@click.option(
+    '--unit', type=click.Choice(list(UNITS_UM)), help='Unit of the mesh file.  [default: um]'
+)
+@click.option('--friction', type=float, help="True Coulomb coefficient.  [default: the plan's]")
 @click.option(
     '--pull-off-uN',
     'pull_off_un',
     type=float,
-    help="True force that detaches a tip, µN  [the plan's].",
+    help="True force that detaches a tip, µN.  [default: the plan's]",
 )
 @click.option('--no-adhesion', is_flag=True, help='Nothing sticks, whatever the plan assumes.')
 @click.option(
@@ -64,7 +66,7 @@ KEYS = (
     type=float,
     default=0.0,
     show_default=True,
-    help='Fingers come to the object with errors of this standard deviation in each direction.',
+    help='Fingers come to the object with errors: standard deviation in each direction, nm.',
 )
 @click.option(
     '--stiffness',
@@ -73,7 +75,9 @@ KEYS = (
     show_default=True,
     help='Of the fingers, N/m (which is µN/µm).',
 )
-@click.option('--seed', type=click.IntRange(0), default=0, show_default=True, help='Of errors.')
+@click.option(
+    '--seed', type=click.IntRange(0), default=0, show_default=True, help='Of the placement errors.'
+)
 @click.option(
     '--video',
     type=click.Path(dir_okay=False, path_type=Path),
@@ -88,7 +92,7 @@ KEYS = (
 )
 @json_option
 def verify(plan_file: Path, as_json: bool, **options: Any) -> None:
-    r"""Run a plan in a physics engine, and say whether the object stays in the fingers.
+    """Run a plan in a physics engine, and say whether the object stays in the fingers.
 
     The engine knows nothing of the planner's theory: it has the object's surface, three spheres on
     springs, friction and adhesion. It can be given another friction, another adhesion or placement

@@ -35,7 +35,7 @@ MSGS_HASH := $(call hash,$(MSGS)/*/*.msg $(MSGS)/*/*.srv $(MSGS)/*/*.action $(MS
 PACKAGES_HASH := $(call hash,tools/link_into_prefix.py $(foreach p,$(PACKAGES),$(addprefix $(SRC)/$(p)/,setup.* package.xml launch/* config/* foxglove/* rviz/*)))
 CORE_HASH := $(call hash,$(SRC)/microhand_planner/microhand_planner/*.py $(SRC)/microhand_planner/microhand_planner/core/*.py $(SRC)/microhand_twin/microhand_twin/*.py $(SRC)/stage_driver_sim/stage_driver_sim/model.py requirements/constraints.txt)
 VENV_READY := $(VENV)/.ready/venv
-REQUIREMENTS_READY := $(VENV)/.ready/requirements-$(call hash,requirements/runtime.txt requirements/dev.txt requirements/constraints.txt)
+REQUIREMENTS_READY := $(VENV)/.ready/requirements-$(call hash,requirements/runtime.txt requirements/dev.txt requirements/docs.txt requirements/constraints.txt)
 TOOLS_READY := $(TOOLS)/.ready/build-$(call hash,requirements/build.txt requirements/constraints.txt)
 COLCON_READY := $(TOOLS)/.ready/runtime-$(call hash,requirements/runtime.txt requirements/constraints.txt)
 MSGS_WHEEL := build/$(TAG)/interfaces-$(MSGS_HASH)/.built
@@ -53,7 +53,7 @@ endef
 # Only the stamp of the present content stays: going back to older content is a change, too.
 done = mkdir -p $(@D) && rm -f $(@D)/$(firstword $(subst -, ,$(@F)))-* && touch $@
 
-.PHONY: help setup run test lint format colcon clean python
+.PHONY: help setup run test lint format docs colcon clean python
 
 help:  ## list the commands
 	@echo 'microhand: plan and run the reorientation of a micro-object held by three fingers'
@@ -82,6 +82,10 @@ lint: setup  ## style, types, imports between modules and packages, container fi
 format: setup  ## put all Python files into the project's format
 	$(BIN)/ruff check --fix-only .
 	$(BIN)/ruff format .
+
+docs: setup  ## build the documentation site; a dead link, or any other warning, is an error
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs
+	@echo 'Open build/docs/index.html'
 
 # The same five packages by colcon, in an environment of its own, so that nothing can come from .venv.
 # MAKEFLAGS keeps colcon from adding a load limit, which stalls the build on a busy machine.
@@ -124,7 +128,7 @@ $(VENV_READY): | python
 	@$(done)
 
 $(REQUIREMENTS_READY): | $(VENV_READY)
-	$(call step,ROS 2 Jazzy and Python packages,$(BIN)/python -m pip install -r requirements/runtime.txt -r requirements/dev.txt)
+	$(call step,ROS 2 Jazzy and Python packages,$(BIN)/python -m pip install -r requirements/runtime.txt -r requirements/dev.txt -r requirements/docs.txt)
 	@$(done)
 
 $(TOOLS_READY): | python

@@ -15,7 +15,7 @@ else:
 
 TOP = Path(__file__).parents[2]
 REQUIREMENTS = TOP / 'requirements'
-LISTS = ['runtime.txt', 'dev.txt', 'build.txt', 'noble.txt']
+LISTS = ['runtime.txt', 'dev.txt', 'docs.txt', 'build.txt', 'noble.txt']
 
 
 def lines_of(name: str) -> list[str]:

@@ -75,9 +75,10 @@ def declare_texts(node: Node, specs: Sequence[TextSpec]) -> None:
 
     node.add_on_set_parameters_callback(check)
     for spec in specs:
+        words = '' if callable(spec.check) else f'one of {", ".join(spec.check)}; '
         descriptor = ParameterDescriptor(
             description=spec.description,
-            additional_constraints=spec.when,
+            additional_constraints=words + spec.when,
             dynamic_typing=True,
             read_only=spec.read_only,
         )

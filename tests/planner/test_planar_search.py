@@ -12,7 +12,13 @@ import time
 import numpy as np
 import pytest
 
-from microhand_planner.core import graph_search, starting_grasps, swap_steps
+from microhand_planner.core import (
+    graph_search,
+    planar,
+    starting_grasps,
+    swap_search,
+    swap_steps,
+)
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.offset_curve import offset_curve
@@ -24,7 +30,7 @@ from microhand_planner.core.search_result import Outcome
 from microhand_planner.core.search_state import ABSENT, NDEG
 from microhand_planner.core.section import XY_PLANE
 from tests.planner.oracles import Ellipse, presses_lp, removal_window_lp
-from tests.planner.paper_graph import PaperGraph, paper_lattice, robust_lattice
+from tests.planner.paper_graph import NO_FINGER, PaperGraph, paper_lattice, robust_lattice
 
 PAPER_AXES_UM = (16.22, 11.586)  # 74 contacts of 20 deg for a tip of 4.5 um
 
@@ -92,6 +98,52 @@ def test_paper_mode_costs_what_dijkstra_on_the_whole_graph_costs(adhesion, count
             assert answer.cost_deg == pytest.approx(expected, abs=1e-6), problem
             solved += 1
     assert 0.3 * count < solved < count, 'the cases do not try both answers'
+
+
+@pytest.mark.parametrize('reverse', [False, True])
+@pytest.mark.parametrize('margins', [False, True])
+def test_each_of_many_goals_costs_what_dijkstra_says(margins, reverse):
+    """From one start to random goals at small steps, where what a detour costs decides.
+
+    Searched forward from the start, and backward from the goals.
+    """
+    rng = np.random.default_rng(606)
+    detours = 0
+    for _ in range(4):
+        shape = Ellipse(rng.uniform(9.0, 13.0), rng.uniform(5.0, 8.0), 4.5)
+        law = ContactLaw(friction=rng.uniform(0.1, 0.5))
+        rules = GripRules(least_margin_uN=0.01, grip_tolerance_uN=0.05) if margins else None
+        contacts, orientations, step_deg = 14, 13, float(rng.uniform(4.0, 30.0))
+        oracle = paper_lattice(shape, contacts, step_deg, orientations)
+        graph = PaperGraph(shape, oracle, law, Finger().min_distance_um, rules)
+        start = (0, contacts // 2, NO_FINGER, int(rng.integers(orientations)))
+        goals = [
+            (*rng.permutation([*pair, NO_FINGER]).tolist(), at)
+            for at in range(orientations)
+            for *pair, _, _ in graph.grasps_of_two(at)
+            if rng.random() < 0.3
+        ]
+        expected = dict(graph.reached([start], goals))
+        curve = offset_curve(ellipse_section(shape.a_um, shape.b_um, XY_PLANE), 4.5)
+        for goal in goals:
+            ends = [start, goal]
+            tracks = [
+                tuple(ABSENT if c == NO_FINGER else (c + at) % contacts for c in fingers)
+                for *fingers, at in ends
+            ]
+            found = swap_search.swap_search(
+                planar.paper_lattice(
+                    curve, contacts, step_deg, orientations, *(end[3] + 1 for end in ends)
+                ),
+                Finger(), law, *(tracks[::-1] if reverse else tracks),
+                interchangeable=False, reverse=reverse, rules=rules,
+            )  # fmt: skip
+            cost_deg = found.cost_ndeg / NDEG if found.outcome is Outcome.FOUND else None
+            assert cost_deg == pytest.approx(expected.get(goal)), goal
+        for goal, cost_deg in expected.items():
+            extra_deg = (cost_deg - 2 * step_deg * abs(goal[3] - start[3])) % 360.0
+            detours += 1e-3 < extra_deg < 360.0 - 1e-3
+    assert detours >= 50, 'no goal needs a detour'
 
 
 # ---------------------------------------------------------------- optimality, robust mode

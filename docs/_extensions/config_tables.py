@@ -18,15 +18,17 @@ from microhand_planner.core import hold, parameters, plan, pose
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.plan_file import plan_to_dict
 from microhand_planner.core.planner import plan_reorientation
-from microhand_station import config, contact_config
+from microhand_station import config, contact_config, recording_config
 
 SECTIONS = {
     '': (config.StationConfig(), ('namespace', 'frame')),
     'motion': (config.Motion(), None),
     'contact': (contact_config.ContactConfig(), None),
     'twin': (contact_config.TwinConfig(), None),
+    'recording': (recording_config.RecordingConfig(), None),
     'fingers: -': (config.FingerConfig(), None),
 }
+CHOICES = {'on_failure': f'`{recording_config.STOP}` or `{recording_config.GO_ON}`'}
 YAML = {'None': '`null`', 'False': '`false`', 'True': '`true`'}
 ENUMS = {'StepKind': plan.StepKind, 'Mode': parameters.Mode}
 ASKED = {'speed_um_s': 1.0, 'friction': 0.3, 'pull_off_uN': 1.5}
@@ -43,7 +45,7 @@ def station_file() -> str:
             (
                 code(key),
                 code(_value(value)),
-                ranges.get(key, _kind(value)),
+                CHOICES.get(key) or ranges.get(key, _kind(value)),
                 _as_yaml(about[key][1]),
             )
             for key, value in vars(default).items()
@@ -51,10 +53,6 @@ def station_file() -> str:
         ]
         parts.append(f'## `{section}`\n' if section else '## At the top\n')
         parts.append(markdown_table(('key', 'default', 'allowed', 'meaning'), rows))
-    record = docstring_fields(config.StationConfig)['record'][1]
-    row = (code('required'), code('true'), 'true or false', record)
-    parts.append('## `recording`\n')
-    parts.append(markdown_table(('key', 'default', 'allowed', 'meaning'), [row]))
     return '\n'.join(parts)
 
 
@@ -75,6 +73,7 @@ def _ranges(default: Any) -> dict[str, str]:
     with (
         mock.patch.object(config, 'check_number', look_on),
         mock.patch.object(contact_config, 'check_number', look_on),
+        mock.patch.object(recording_config, 'check_number', look_on),
     ):
         dataclasses.replace(default, **given)
     return found

@@ -25,13 +25,14 @@ from microhand_station.bringup.node_commands import node_commands
 from microhand_station.bringup.processes import NodeProcess, end_processes
 from microhand_station.client import ExecutionResult, StationClient, StationError
 from microhand_station.config import ContactConfig, Motion, StationConfig, write_config
+from microhand_station.recording_config import RecordingConfig
 from microhand_station.sequencer.node import SequencerNode
 from microhand_station.service_call import call, greet
 from stage_driver_sim.qos import EVENTS, LATCHED, SETPOINTS, STATE
 
 CONFIG = StationConfig(
     namespace='bench',
-    record=False,
+    recording=RecordingConfig(required=False),
     motion=Motion(roll_rate_deg_s=45.0, speed=3.0),
     contact=ContactConfig(speed_um_s=2.0, standoff_um=0.6, overtravel_um=0.4, tolerance_um=0.3),
 )
@@ -184,14 +185,18 @@ class Bench:
 
     def tell_twin(self, **values):
         """Set parameters of the twin, numbers or lists; they count from the next plan on."""
+        self.tell('twin', **values)
+
+    def tell(self, name, **values):
+        """Set parameters of a node."""
         node = self.client.node
-        client = node.create_client(SetParameters, 'twin/set_parameters')
+        client = node.create_client(SetParameters, f'{name}/set_parameters')
         parameters = [
             Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
             for name, value in values.items()
         ]
         request = SetParameters.Request(parameters=parameters)
-        answer = call(client, request, deadline_s=DEADLINE_S, who='twin', missing_code=900)
+        answer = call(client, request, deadline_s=DEADLINE_S, who=name, missing_code=900)
         assert [(result.successful, result.reason) for result in answer.results] == [
             (True, '')
         ] * len(values)

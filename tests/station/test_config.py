@@ -30,7 +30,7 @@ def test_what_is_written_is_read_back(tmp_path):
             'motion': {'speed': 2},
             'contact': {'speed_um_s': 2, 'tolerance_um': 0.3},
             'twin': {'enabled': True, 'friction': 0.25, 'pull_off_uN': None},
-            'recording': {'required': False},
+            'recording': {'required': False, 'on_failure': 'go_on', 'max_message_mb': 2},
             'fingers': [
                 {'driver': {'noise_rms': 0.0}},
                 {'upper_um': [120, 180, 180.5]},
@@ -74,6 +74,12 @@ def test_the_stiffest_finger_decides_how_slowly_the_object_is_met():
         ({'namespace': 'my lab'}, "namespace is 'my lab'; allowed: a ROS name, or empty"),
         ({'frame': 7}, 'frame is 7; allowed: a text'),
         ({'recording': {'required': 'yes'}}, "recording: required is 'yes'; allowed: true or f"),
+        (
+            {'recording': {'on_failure': 'wait'}},
+            "recording: on_failure is 'wait'; allowed: sto",
+        ),
+        ({'recording': {'max_message_mb': 0}}, 'recording: max_message_mb is 0'),
+        ({'recording': {'always': True}}, 'recording: always is unknown; allowed: required, on_f'),
         (
             {'fingers': [{}, {'base_um': [1, 2]}, {}]},
             r'finger 2: base_um is \[1, 2\]; allowed: three numbers x y z',

@@ -32,7 +32,7 @@ from microhand_planner.core.errors import BadRequest
 from microhand_station.recording.recorded_topics import offered_qos_yaml, recorded_topics
 from microhand_station.recording.recover import recover
 from microhand_station.recording.ros2msg_schema import ros2msg_schema
-from microhand_station.recording.run_writer import RunWriter, create_run_file
+from microhand_station.recording.run_writer import RunWriter
 
 TOPIC = '/finger_1/setpoints'
 TYPE = 'microhand_msgs_py/msg/SetpointChunk'
@@ -156,16 +156,6 @@ def test_attachment_comes_back(tmp_path):
     assert (attachment.name, attachment.data) == ('object.stl', b'solid' * 1000)
 
 
-def test_run_files_are_never_overwritten(tmp_path):
-    """A name in use gets a number; the folder is made when it is missing."""
-    paths = []
-    for _ in range(3):
-        path, stream = create_run_file(tmp_path / 'new' / 'folder', 'run')
-        stream.close()
-        paths.append(path.name)
-    assert paths == ['run.mcap', 'run_2.mcap', 'run_3.mcap']
-
-
 @pytest.mark.parametrize('enough', [1, 40, 700, 3000])
 def test_kill_loses_no_message_that_was_written(tmp_path, enough):
     """SIGKILL at any moment: every message whose `write` had returned is recovered, in order."""
@@ -232,13 +222,18 @@ def test_one_flipped_byte_costs_two_messages_at_most(tmp_path):
 
 
 def test_a_damaged_chunk_costs_its_own_messages_only(tmp_path):
-    """Of a chunked file with one broken chunk, the messages of all other chunks come back."""
+    """Of a chunked file with broken chunks, the messages of all other chunks come back.
+
+    Also without the first chunk, which defines schemas and channels: the summary repeats them.
+    """
     path, out = tmp_path / 'chunked.mcap', tmp_path / 'out.mcap'
     starts = []
     with path.open('xb') as stream:
         writer = Writer(stream)
         writer.start('ros2')
-        channel = writer.register_channel('t', 'cdr', writer.register_schema('a', 'ros2msg', b''))
+        channel = writer.register_channel(
+            't', 'cdr', writer.register_schema('a', 'ros2msg', b'int8 x')
+        )
         for k in range(30):
             writer.add_message(channel, k, random.Random(k).randbytes(100), k)
             if k % 10 == 9:
@@ -246,9 +241,14 @@ def test_a_damaged_chunk_costs_its_own_messages_only(tmp_path):
                 starts.append(stream.tell())
         writer.finish()
     data = bytearray(path.read_bytes())
-    data[starts[0] + 200] ^= 0xFF
-    path.write_bytes(data)
-    assert recover(path, out) == 20
+    for damaged, left in (
+        (starts[0] + 200, 20),
+        (starts[0] - 600, 10),
+    ):  # the second, then also the first
+        data[damaged] ^= 0xFF
+        path.write_bytes(data)
+        assert recover(path, out) == left
+        out.unlink()
 
 
 def test_a_whole_record_is_copied_whole(tmp_path):

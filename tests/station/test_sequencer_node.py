@@ -2,19 +2,25 @@
 """The sequencer node and what its callers can do, against real stage drivers and a real twin."""
 
 import dataclasses
+import resource
 import time
 
 import numpy as np
 import pytest
-from microhand_msgs_py.msg import ErrorCode, SequencerState, StageState
+from microhand_msgs_py.msg import ErrorCode, RunEvent, SequencerState, StageState
 
 from microhand_planner.core.motions import motions
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.trajectory import time_steps
+from microhand_station.analysis.run import Run
+from microhand_station.bringup.processes import end_processes
 from microhand_station.client import StationClient, StationError
+from microhand_station.recording_config import RecordingConfig
 from microhand_station.sequencer.approach_path import way_to_start
+from stage_driver_sim.qos import EVENTS
 from tests.station.bench import CONFIG, sent_tips_um
 
+DISK_BYTES = 1 << 20
 ROLL = 2
 """Step of the plans in which two fingers roll."""
 
@@ -185,3 +191,63 @@ def test_a_driver_that_dies_ends_the_run_within_a_second(bench, sphere_plan):
     bench.drivers[2] = bench.start('finger_2')
     bench.activate(2)
     assert bench.execute(sphere_plan(10.0)).held
+
+
+@pytest.fixture
+def recorder(bench):
+    """Add a recorder that can write no file larger than `DISK_BYTES`: what a full disk is like."""
+    process = bench.start('recorder')
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (DISK_BYTES, DISK_BYTES))
+    yield process
+    bench.node._config = CONFIG
+    assert end_processes([process]) == []
+
+
+def test_a_run_whose_record_fails_stops_or_goes_on_as_the_station_file_says(
+    bench, recorder, sphere_plan
+):
+    """No folder, then a full disk: told in the result, and what was written is readable."""
+
+    def set_policy(on_failure):
+        recording = RecordingConfig(on_failure=on_failure)
+        bench.node._config = dataclasses.replace(CONFIG, recording=recording)
+
+    def execute(run_name):
+        """Execute; the disk is full when a tenth is done."""
+        events = bench.client.node.create_publisher(RunEvent, 'events', EVENTS)
+        huge = [RunEvent(text='x' * 2 * DISK_BYTES)]
+
+        def fill(progress):
+            if progress.share > 0.1 and huge:
+                events.publish(huge.pop())
+
+        try:
+            return bench.client.execute(sphere_plan(5.0), run_name, fill, object_name=bench.mesh)
+        finally:
+            bench.client.node.destroy_publisher(events)
+
+    set_policy('go_on')
+    result = execute('goes_on')
+    assert result.held
+    assert 'ends early after' in result.record_error
+    assert any(text.startswith('the run goes on, but ') for text in bench.watcher.events)
+    run = Run.open(result.record_file)
+    assert (run.mesh.proven, run.note.request['run_name']) == (True, 'goes_on')
+    assert 0 < len(run.fingers[1].setpoint_um) < result.setpoints_sent
+    set_policy('stop')
+    with pytest.raises(StationError, match='ends early after') as error:
+        execute('stops')
+    assert error.value.code == ErrorCode.RECORDER_MISSING
+    assert error.value.execution.setpoints_sent < result.setpoints_sent
+    assert Run.open(error.value.execution.record_file).fingers.keys() == {1, 2, 3}
+    bench.watcher.wait(lambda: all(stage.on_target for stage in bench.watcher.stages.values()))
+    (bench.folder / 'nowhere').touch()
+    bench.tell('recorder', run_dir=str(bench.folder / 'nowhere'))
+    with pytest.raises(StationError, match='it cannot be written') as error:
+        bench.execute(sphere_plan(5.0))
+    assert error.value.code == ErrorCode.RECORDER_MISSING
+    assert error.value.execution.setpoints_sent == 0
+    set_policy('go_on')
+    result = bench.execute(sphere_plan(5.0))
+    assert (result.held, result.record_file) == (True, None)
+    assert 'it cannot be written' in result.record_error

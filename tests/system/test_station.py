@@ -321,7 +321,7 @@ def test_a_signal_ends_everything_cleanly(ros_domain, tmp_path, how):
         thread.join(ANSWER_S)
         assert errors
         assert 'Traceback' not in station.logs() + '\n'.join(station.lines)
-    (record,) = tmp_path.glob('*/cut_short.mcap')
+    (record,) = tmp_path.glob('*/cut_short/cut_short.mcap')
     assert by_mcap(record, 1)
 
 

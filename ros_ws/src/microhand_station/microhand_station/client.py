@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -22,7 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from microhand_planner.core.errors import MicrohandError, RunFailed
+from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.pose import FloatArray, Pose
@@ -34,6 +34,8 @@ from microhand_planner.ros.conversions import (
     point_from_um,
     pose_to_msg,
 )
+from microhand_station.client_answers import ExecutionResult, PlanAnswer, StationError
+from microhand_station.message_note import message_note
 from microhand_station.sequencer.progress import Progress
 from microhand_station.service_call import POLL_S, call, greet
 
@@ -41,70 +43,6 @@ STAGE_MISSING = 300
 ANSWER_S = 5.0
 """Longest wait for an answer that needs no work [s]."""
 SPIN_S = 0.05
-
-
-@dataclass(frozen=True)
-class PlanAnswer:
-    """A plan, and what it took.
-
-    Parameters
-    ----------
-    plan : Plan
-        What was asked for.
-    planning_time_s : float
-        In the planner [s].
-    goal_error_rad : float
-        Angle between the goal and the orientation that the plan reaches [rad].
-    """
-
-    plan: Plan
-    planning_time_s: float
-    goal_error_rad: float
-
-
-@dataclass(frozen=True)
-class ExecutionResult:
-    """How an execution ended.
-
-    Parameters
-    ----------
-    record_file : Path or None
-        The record; None: not recorded.
-    setpoints_sent : int
-        To each finger.
-    duration_s : float
-        Of the motion [s].
-    held : bool or None
-        Whether the object was held throughout; None: nothing watched it to the end.
-    final_error_rad : float or None
-        Orientation error at the end [rad]; None: nothing watched the object.
-    """
-
-    record_file: Path | None
-    setpoints_sent: int
-    duration_s: float
-    held: bool | None
-    final_error_rad: float | None
-
-
-class StationError(MicrohandError):
-    """What a node of the station answered instead of a result.
-
-    Parameters
-    ----------
-    message : str
-        As the node said it.
-    code : int
-        See ErrorCode; its hundreds decide the exit status.
-    execution : ExecutionResult, optional
-        How far an execution came that failed.
-    """
-
-    def __init__(self, message: str, code: int, execution: ExecutionResult | None = None) -> None:
-        super().__init__(message)
-        self.code = code
-        self.exit_status = {1: 2, 2: 3}.get(code // 100, 4)
-        self.execution = execution
 
 
 class StationClient:
@@ -153,6 +91,7 @@ class StationClient:
         self._plan = self.node.create_client(PlanRotation, 'planner/plan_rotation')
         self._execute = ActionClient(self.node, ExecutePlan, 'sequencer/execute_plan')
         self._met: set[str] = set()
+        self._requests: dict[str, str] = {}
         self._goal: Any = None
         self._closing = threading.Event()
         self._pace_s = pace_s
@@ -252,6 +191,7 @@ class StationClient:
         answer = self._result(future, self._plan.service_is_ready, 'planner')
         if answer.error_code:
             raise StationError(answer.error_msg, answer.error_code)
+        self._requests[answer.plan.plan_hash] = json.dumps(message_note(request))
         return PlanAnswer(plan_from_msg(answer.plan), answer.planning_time, answer.goal_error)
 
     def execute(
@@ -264,6 +204,8 @@ class StationClient:
         unit_um: float = 0.0,
     ) -> ExecutionResult:
         """Execute a plan and wait until the stages are on target and the object is held.
+
+        The record tells what the plan was made for if this client had it made.
 
         Parameters
         ----------
@@ -294,6 +236,7 @@ class StationClient:
         goal = ExecutePlan.Goal(
             plan=plan_to_msg(plan), run_name=run_name, object=object_name, unit=unit_um / UM_PER_M
         )
+        goal.request_json = self._requests.get(goal.plan.plan_hash, '')
         self._goal = self._ask(lambda: self._execute.send_goal_async(goal, tell))
         try:
             answer = self._ask(self._goal.get_result_async).result
@@ -308,6 +251,7 @@ class StationClient:
             duration_s=answer.duration,
             held=answer.held if answer.object_judged else None,
             final_error_rad=None if math.isnan(answer.final_error) else answer.final_error,
+            record_error=answer.record_error,
         )
         if answer.error_code:
             raise StationError(answer.error_msg, answer.error_code, result)

@@ -23,6 +23,7 @@ from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.trajectory import Pace
 from microhand_planner.core.travel import AXES, StageLimits
 from microhand_station.contact_config import STIFFNESS_N_PER_M, ContactConfig, TwinConfig
+from microhand_station.recording_config import RecordingConfig
 
 Vector = tuple[float, float, float]
 Made = TypeVar('Made')
@@ -136,8 +137,8 @@ class StationConfig:
         How fingers meet the object.
     twin : TwinConfig
         What stands in for the object.
-    record : bool
-        Whether a run needs a recorder.
+    recording : RecordingConfig
+        What is kept of runs.
     fingers : tuple of 3 FingerConfig
         Fingers 1, 2, 3.
     """
@@ -147,7 +148,7 @@ class StationConfig:
     motion: Motion = field(default_factory=Motion)
     contact: ContactConfig = field(default_factory=ContactConfig)
     twin: TwinConfig = field(default_factory=TwinConfig)
-    record: bool = True
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
     fingers: tuple[FingerConfig, ...] = (
         FingerConfig(home_um=(170.0, 100.0, 100.0)),
         FingerConfig(home_um=(30.0, 100.0, 100.0)),
@@ -182,7 +183,7 @@ class StationConfig:
             'motion': dataclasses.asdict(self.motion),
             'contact': dataclasses.asdict(self.contact),
             'twin': dataclasses.asdict(self.twin),
-            'recording': {'required': self.record},
+            'recording': dataclasses.asdict(self.recording),
             'fingers': [
                 {
                     key: list(value) if isinstance(value, tuple) else value
@@ -236,13 +237,9 @@ def config_from_dict(content: object) -> StationConfig:
     )
     motion = _section('motion', top.get('motion', {}), tuple(vars(default.motion)))
     contact = _section('contact', top.get('contact', {}), tuple(vars(default.contact)))
-    recording = _section('recording', top.get('recording', {}), ('required',))
     fingers = top.get('fingers', [{}] * FINGERS)
     if not isinstance(fingers, list) or len(fingers) != FINGERS:
         raise BadRequest('fingers', _shown(fingers), f'a list of {FINGERS}')
-    required = recording.get('required', default.record)
-    if not isinstance(required, bool):
-        raise BadRequest('recording: required', _shown(required), 'true or false')
     return StationConfig(
         namespace=_text('namespace', top.get('namespace', default.namespace)),
         frame=_text('frame', top.get('frame', default.frame)),
@@ -251,7 +248,7 @@ def config_from_dict(content: object) -> StationConfig:
             'contact', lambda: ContactConfig(**_numbers('contact', contact, ('speed_um_s',)))
         ),
         twin=_named('twin', lambda: _twin(top.get('twin', {}))),
-        record=required,
+        recording=_named('recording', lambda: _recording(top.get('recording', {}))),
         fingers=tuple(
             _finger(number, finger, default.fingers[number - 1])
             for number, finger in enumerate(fingers, start=1)
@@ -279,6 +276,14 @@ def _twin(content: object) -> TwinConfig:
     if not isinstance(enabled, bool):
         raise BadRequest('enabled', _shown(enabled), 'true or false')
     return TwinConfig(enabled=enabled, **_numbers('twin', given, ('friction', 'pull_off_uN')))
+
+
+def _recording(content: object) -> RecordingConfig:
+    """Return what is kept of runs."""
+    given = dict(_section('recording', content, tuple(vars(RecordingConfig()))))
+    if 'max_message_mb' in given:
+        given['max_message_mb'] = _number('max_message_mb', given['max_message_mb'])
+    return RecordingConfig(**given)
 
 
 def _named(section: str, make: Callable[[], Made]) -> Made:

@@ -123,6 +123,26 @@ def find_part(
     return load_part(path, unit_um=1.0 if unit_um is None else unit_um, frame=frame or 'as_given')
 
 
+def find_mesh_file(name_or_path: str, folder: Path | None = None) -> Path | None:
+    """Return the mesh file of an object, without reading it; None: there is none.
+
+    Parameters
+    ----------
+    name_or_path, folder
+        As in `find_part`.
+
+    Examples
+    --------
+    >>> find_mesh_file('ellipsoid').name
+    'ellipsoid.stl'
+    """
+    for entry in list_objects(folder):
+        if entry.name == name_or_path:
+            return entry.mesh_file
+    path = Path(name_or_path)
+    return path if path.is_file() else None
+
+
 def _read_entry(sidecar: Path) -> CatalogueEntry:
     """Read one JSON file of a catalogue."""
     try:

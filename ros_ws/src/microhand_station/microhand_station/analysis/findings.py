@@ -15,11 +15,13 @@ from microhand_planner.core.plan import StepKind
 from microhand_planner.core.pose import Pose, angle_between_rad
 from microhand_station.analysis.finger_lag import setpoint_skew_s, skew_s
 from microhand_station.analysis.finger_record import TrackingError
+from microhand_station.analysis.gathered import Event
 from microhand_station.analysis.run import Run
 
 FloatArray = NDArray[np.float64]
 
 _DONE = 0.999  # of the planned time
+_RECORDER_MISSING = 304  # ErrorCode.RECORDER_MISSING
 _OBJECT_LOST = 306  # ErrorCode.OBJECT_LOST
 
 
@@ -152,7 +154,7 @@ def findings(run: Run) -> Findings:
     """Work out the figures of a run; see `Findings`."""
     steps = _steps(run)
     body, lost_at_s = run.object, run.object.lost_at_s
-    failures = [event.text for event in run.events if event.error_code]
+    failures = [event.text for event in run.events if _is_failure(event)]
     told_s = [event.time_s for event in run.events if event.error_code == _OBJECT_LOST]
     if lost_at_s is None and told_s:
         # the sequencer judges, too: an object far from its plan is lost, though fingers touch it
@@ -181,6 +183,12 @@ def findings(run: Run) -> Findings:
         missing_setpoints=sum(finger.missing for finger in run.fingers.values()),
         steps=steps,
     )
+
+
+def _is_failure(event: Event) -> bool:
+    """Whether a run failed with this event: a record that is not whole need not end the run."""
+    ended = event.text.startswith('run ended')
+    return bool(event.error_code) and (event.error_code != _RECORDER_MISSING or ended)
 
 
 def holding_friction(run: Run) -> FloatArray:

@@ -27,7 +27,12 @@ from microhand_station.analysis.object_record import (
 )
 from microhand_station.analysis.record_time import Stamped, in_time, stamps_s, start_and_end_ns
 from microhand_station.analysis.recorded_plan import recorded_plan
-from microhand_station.recording.run_writer import END_METADATA, RUN_METADATA
+from microhand_station.recording.run_writer import (
+    END_METADATA,
+    PARAMETERS_METADATA,
+    RUN_METADATA,
+    VERSIONS_METADATA,
+)
 
 _PACKAGE = 'microhand_msgs_py/msg/'
 _FINGER = re.compile(r'/finger_([1-3])/')
@@ -69,6 +74,10 @@ class Gathered:
     ----------
     metadata : dict
         What the recorder noted at the start.
+    parameters : dict
+        Of each node, as JSON.
+    versions : dict
+        Of what was installed.
     end : str
         How the run ended, as the recorder saw it.
     finished : bool
@@ -83,6 +92,8 @@ class Gathered:
 
     def __init__(self, path: Path) -> None:
         self.metadata: dict[str, str] = {}
+        self.parameters: dict[str, str] = {}
+        self.versions: dict[str, str] = {}
         self.end = ''
         self.finished = False
         self.attachments: list[Attachment] = []
@@ -101,16 +112,23 @@ class Gathered:
             if isinstance(record, Channel):
                 self.counts.setdefault(record.topic, 0)
         elif isinstance(record, Metadata):
-            if record.name == RUN_METADATA:
-                self.metadata = record.metadata
-            elif record.name == END_METADATA:
-                self.end = record.metadata.get('end', '')
+            self._add_metadata(record)
         elif isinstance(record, Attachment):
             self.attachments.append(record)
         elif isinstance(record, Message):
             self._add_message(record)
         elif isinstance(record, Footer):
             self.finished = True
+
+    def _add_metadata(self, record: Metadata) -> None:
+        if record.name == RUN_METADATA:
+            self.metadata = record.metadata
+        elif record.name == PARAMETERS_METADATA:
+            self.parameters = record.metadata
+        elif record.name == VERSIONS_METADATA:
+            self.versions = record.metadata
+        elif record.name == END_METADATA:
+            self.end = record.metadata.get('end', '')
 
     def _add_message(self, record: Message) -> None:
         topic = self._decoder.topic_of(record)
@@ -242,6 +260,9 @@ def _sound_contacts(contacts: Any) -> bool:
         p = contact.position
         values = (contact.normal_force, contact.friction_use, contact.in_contact, p.x, p.y, p.z)
         if not _small(contact.force) or not all(isinstance(x, int | float) for x in values):
+            return False
+        # NaN where a finger does not touch
+        if any(abs(value) >= _LIMIT for value in (contact.normal_force, p.x, p.y, p.z)):
             return False
         if contact.finger not in (1, 2, 3):
             return False

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +45,9 @@ class ObjectMesh:
         self.faces.setflags(write=False)
 
 
-def object_mesh(attachments: Iterable[Attachment], plan: Plan | None) -> ObjectMesh | None:
+def object_mesh(
+    attachments: Iterable[Attachment], plan: Plan | None, unit_um: float | None = None
+) -> ObjectMesh | None:
     """Return the mesh of the object of a run; None: the record has none, nor the catalogue.
 
     The plan's hash decides of which unit and in which frame a mesh is meant. Without an attached
@@ -57,10 +59,16 @@ def object_mesh(attachments: Iterable[Attachment], plan: Plan | None) -> ObjectM
         Files kept in the record.
     plan : Plan or None
         What was executed.
+    unit_um : float, optional
+        What is known of the unit of an attached mesh [µm].
     """
+    units_um = _UNITS_UM if unit_um is None else (unit_um, *_UNITS_UM)
     for attachment in attachments:
         kind = attachment.name.lower().rpartition('.')[2]
-        if kind in FORMATS and (found := _attached(attachment.data, kind, plan)) is not None:
+        if (
+            kind in FORMATS
+            and (found := _attached(attachment.data, kind, plan, units_um)) is not None
+        ):
             return found
     if plan is None:
         return None
@@ -99,7 +107,9 @@ def simplified(mesh: ObjectMesh, most_faces: int) -> ObjectMesh:
     return made
 
 
-def _attached(data: bytes, kind: str, plan: Plan | None) -> ObjectMesh | None:
+def _attached(
+    data: bytes, kind: str, plan: Plan | None, units_um: Sequence[float]
+) -> ObjectMesh | None:
     """Read an attached mesh; None: it cannot be read."""
     try:
         read = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False)
@@ -107,7 +117,7 @@ def _attached(data: bytes, kind: str, plan: Plan | None) -> ObjectMesh | None:
         faces = np.array(read.faces, dtype=np.int64).reshape(-1, 3)
     except Exception:  # trimesh raises anything on damaged content
         return None
-    for unit_um in _UNITS_UM:
+    for unit_um in units_um:
         for frame in _FRAMES:
             try:
                 part = make_part('object', vertices * unit_um, faces, frame=frame)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from microhand_station.analysis.grip_record import GripRecord, grip_record
 from microhand_station.analysis.object_mesh import ObjectMesh, object_mesh
 from microhand_station.analysis.object_record import Deviation, ObjectRecord
 from microhand_station.analysis.plan_progress import PlanProgress
-from microhand_station.analysis.run_note import RunNote, run_note
+from microhand_station.analysis.run_note import RunNote, node_parameters, run_note
 from microhand_station.analysis.run_progress import from_commands, progress_of
 from microhand_station.analysis.table import Table
 from microhand_station.recording.record_scan import scan_records
@@ -38,6 +39,10 @@ class Run:
         What the recorder noted at the start.
     note : RunNote
         What the client noted: the request, where the stages are, how stiff the fingers.
+    parameters : Mapping[str, Mapping[str, Any]]
+        Of each node of the station, by its name.
+    versions : Mapping[str, str]
+        Of microhand, of what it stands on, of the system.
     plan : Plan or None
         What was to be done; None: see `missing`.
     mesh : ObjectMesh or None
@@ -73,6 +78,8 @@ class Run:
     end: str
     metadata: Mapping[str, str]
     note: RunNote
+    parameters: Mapping[str, Mapping[str, Any]]
+    versions: Mapping[str, str]
     plan: Plan | None
     mesh: ObjectMesh | None
     fingers: Mapping[int, FingerRecord]
@@ -119,13 +126,15 @@ class Run:
         if not len(off) and place is not None:
             off = from_commands(place, body)
         grip = None if plan is None or place is None else grip_record(plan, place, body)
-        mesh = object_mesh(found.attachments, plan)
+        mesh = object_mesh(found.attachments, plan, note.unit_um)
         return cls(
             path=Path(path),
             finished=found.finished,
             end=found.end,
             metadata=found.metadata,
             note=note,
+            parameters=node_parameters(found.parameters),
+            versions=found.versions,
             plan=plan,
             mesh=mesh,
             fingers=fingers,

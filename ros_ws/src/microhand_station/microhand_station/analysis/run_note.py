@@ -21,7 +21,7 @@ class RunNote:
     Attributes
     ----------
     request : Mapping[str, Any]
-        What was asked for; empty: not noted.
+        What was asked for, in SI units; empty: not noted.
     base_um : (3, 3) array or None
         Tips of fingers 1, 2, 3 in the station when their stages are at zero; None: not noted.
     stiffness_uN_per_um : (3,) array or None
@@ -37,6 +37,31 @@ class RunNote:
         for value in (self.base_um, self.stiffness_uN_per_um):
             if value is not None:
                 value.setflags(write=False)
+
+    @property
+    def unit_um(self) -> float | None:
+        """Length of one unit of the mesh that was asked for [µm]; None: not told."""
+        unit_m = self.request.get('unit')
+        return unit_m * 1e6 if isinstance(unit_m, float) and unit_m > 0.0 else None
+
+
+def node_parameters(noted: Mapping[str, str]) -> dict[str, Mapping[str, Any]]:
+    """Read the parameters of all nodes; what is damaged is left out.
+
+    Parameters
+    ----------
+    noted : Mapping[str, str]
+        By the name of the node, a JSON object.
+    """
+    found: dict[str, Mapping[str, Any]] = {}
+    for node, text in noted.items():
+        try:
+            values = json.loads(text)
+        except ValueError:
+            continue
+        if isinstance(values, dict):
+            found[node] = values
+    return found
 
 
 def run_note(metadata_json: str) -> RunNote:

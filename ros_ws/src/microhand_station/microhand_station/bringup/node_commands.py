@@ -65,7 +65,12 @@ def node_commands(config: StationConfig, folder: Path) -> Iterator[NodeCommand]:
         yield command('twin', 'microhand_twin.ros.twin_node', twin_parameters(config))
     yield command('planner', 'microhand_planner.ros.planner_node', {'frame': config.frame})
     yield command(
-        'recorder', 'microhand_station.recording.recorder_node', {'run_dir': str(folder)}
+        'recorder',
+        'microhand_station.recording.recorder_node',
+        {
+            'run_dir': str(folder),
+            'max_message_size': round(config.recording.max_message_mb * 1e6),
+        },
     )
     yield command(
         'sequencer',

@@ -47,8 +47,8 @@ def analyze(record: Path, output: Path | None, compare: Path | None, as_json: bo
 
     \b
     Examples:
-      microhand analyze runs/demo.mcap
-      microhand analyze runs/demo.mcap --json
+      microhand analyze runs/demo/demo.mcap
+      microhand analyze runs/demo/demo.mcap --json
       microhand analyze today.mcap --compare yesterday.mcap -o both.html
       microhand analyze examples/reorientation.mcap -o look.html     # a run that is shipped
     """

@@ -24,12 +24,8 @@ from microhand_station.cli.answer import answer, json_option, news_console
 from microhand_station.cli.plan_result import PLAN_KEYS, plan_result, show_plan
 from microhand_station.cli.request import Request, request_from, request_options
 from microhand_station.cli.station_options import StationChoice, station_choice, station_options
-from microhand_station.client import (
-    ExecutionResult,
-    PlanAnswer,
-    StationClient,
-    StationError,
-)
+from microhand_station.client import StationClient
+from microhand_station.client_answers import ExecutionResult, PlanAnswer, StationError
 
 KEYS = (*PLAN_KEYS, 'mcap', 'report', 'held', 'final_error_deg')
 STATION_KEYS = ('config', 'namespace', 'domain_id', 'run_dir', 'speed')
@@ -155,6 +151,7 @@ def _result(folder: Path, done: ExecutionResult) -> dict[str, Any]:
         'final_error_deg': None if error_rad is None else math.degrees(error_rad),
         'duration_s': done.duration_s,
         'setpoints': done.setpoints_sent,
+        'record_error': done.record_error,
     }
     if done.record_file is not None:
         report = folder / 'report.html'
@@ -176,4 +173,6 @@ def _show(console: Console, result: Mapping[str, Any]) -> None:
         console.print(
             f'the object was held throughout, and is {result["final_error_deg"]:.3f}° off its goal'
         )
+    if result['record_error']:
+        console.print(f'the record is not complete: {result["record_error"]}', soft_wrap=True)
     console.print(f'record  {result["mcap"]}\nreport  {result["report"]}', soft_wrap=True)

@@ -52,8 +52,8 @@ def export(
 
     \b
     Examples:
-      microhand export runs/demo.mcap --csv tables
-      microhand export runs/demo.mcap --csv roll --from 4.7 --to 9 --topic finger_1/state
+      microhand export runs/demo/demo.mcap --csv tables
+      microhand export runs/demo/demo.mcap --csv roll --from 4.7 --to 9 --topic finger_1/state
     """
 
     def work() -> dict[str, Any]:

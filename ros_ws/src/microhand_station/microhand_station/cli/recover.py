@@ -25,7 +25,7 @@ def recover(broken: Path, out: Path, as_json: bool) -> None:
 
     \b
     Example:
-      microhand recover runs/lost_power.mcap runs/saved.mcap
+      microhand recover runs/killed/killed.mcap saved.mcap
     """
 
     def work() -> dict[str, Any]:

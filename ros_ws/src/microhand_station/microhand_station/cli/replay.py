@@ -54,9 +54,9 @@ def replay(record: Path, as_json: bool, **wishes: Any) -> None:
 
     \b
     Examples:
-      microhand replay runs/demo.mcap --rate 0.5
-      microhand replay runs/demo.mcap --start 15.6 --loop --namespace again
-      microhand replay runs/demo.mcap --clock --topic object_state --topic plan
+      microhand replay runs/demo/demo.mcap --rate 0.5
+      microhand replay runs/demo/demo.mcap --start 15.6 --loop --namespace again
+      microhand replay runs/demo/demo.mcap --clock --topic object_state --topic plan
     """
     console = news_console(as_json)
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import mmap
 import re
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -27,6 +28,7 @@ from microhand_planner.core.errors import BadRequest
 
 MAGIC = b'\x89MCAP0\r\n'
 _FRAME = struct.Struct('<BQ')
+_FOOTER_BYTES = _FRAME.size + 20
 _LAST_OPCODE = int(Opcode.DATA_END)
 # Where a record may begin: a known opcode, and a length below 4 GiB.
 _LOOKS_LIKE_A_FRAME = re.compile(rb'[\x01-\x0f](?=.{4}\x00{4})', re.DOTALL)
@@ -73,11 +75,35 @@ def scan_records(
             raise BadRequest('record', path, f'an mcap file; {what}')
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             total = len(data)
-            for opcode, body, end in _frames(data):
+            for number, (opcode, body, end) in enumerate(_frames(data)):
                 yield from _parse(opcode, body)
+                if number == 0:
+                    yield from _summary(data)
                 progress(end, total)
                 if opcode == Opcode.FOOTER:
                     return
+
+
+def _summary(data: mmap.mmap) -> Iterator[McapRecord]:
+    """Schemas and channels that a finished file repeats at its end.
+
+    They come early: a packed file has them in its first chunk, too, and a damaged first chunk
+    would leave every message behind it without a meaning. A damaged summary is left out.
+    """
+    begin = len(data) - len(MAGIC) - _FOOTER_BYTES
+    end = _end_of_frame(data, begin) if begin > len(MAGIC) else None
+    if end is None or data[begin] != Opcode.FOOTER:
+        return
+    footer = Footer.read(ReadDataStream(BytesIO(data[begin + _FRAME.size : end])))
+    at = footer.summary_start
+    if not len(MAGIC) < at < begin or zlib.crc32(data[at : end - 4]) != footer.summary_crc:
+        return
+    while at < begin:
+        end = _end_of_frame(data, at)
+        if end is None or data[at] not in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return
+        yield from _parse(data[at], data[at + _FRAME.size : end])
+        at = end
 
 
 def _frames(data: mmap.mmap) -> Iterator[tuple[int, bytes, int]]:

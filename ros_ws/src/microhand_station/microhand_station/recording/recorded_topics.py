@@ -19,9 +19,14 @@ from microhand_msgs_py.msg import (
     StageState,
     TipContact,
 )
-from rcl_interfaces.msg import Log
+from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_parameter_events,
+)
 
 from stage_driver_sim.qos import CONTACT, DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
 
@@ -78,6 +83,7 @@ def recorded_topics(fingers: Sequence[int]) -> tuple[RecordedTopic, ...]:
         RecordedTopic('sequencer/object_deviation', ObjectDeviation, STATE),
         RecordedTopic('/rosout', Log, _ROSOUT),
         RecordedTopic('/diagnostics', DiagnosticArray, DIAGNOSTICS),
+        RecordedTopic('/parameter_events', ParameterEvent, qos_profile_parameter_events),
     ]
     for finger in fingers:
         topics.append(

@@ -12,16 +12,15 @@ import platform
 import re
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from datetime import datetime, timezone
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from microhand_msgs_py.msg import ErrorCode, RunEvent, SetpointChunk
+from diagnostic_msgs.msg import DiagnosticArray
+from microhand_msgs_py.msg import ErrorCode, Plan, RunEvent, SetpointChunk
 from microhand_msgs_py.srv import StartRun, StopRun
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -29,16 +28,20 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
+from microhand_station.recording.bag_metadata import AnnouncedTopic
 from microhand_station.recording.open_run import OpenRun
+from microhand_station.recording.parameter_book import ParameterBook
+from microhand_station.recording.record_status import record_status
 from microhand_station.recording.recorded_topics import (
     PLAN_TOPIC,
     RecordedTopic,
     offered_qos_yaml,
     recorded_topics,
 )
-from microhand_station.recording.ros2msg_schema import ros2msg_schema
-from microhand_station.recording.run_writer import RunWriter, create_run_file
-from stage_driver_sim.qos import EVENTS, LATCHED
+from microhand_station.recording.ros2msg_schema import installed_type_hash, ros2msg_schema
+from microhand_station.recording.run_writer import PARAMETERS_METADATA, VERSIONS_METADATA
+from microhand_station.recording.versions import installed_version, versions
+from stage_driver_sim.qos import DIAGNOSTICS, EVENTS, LATCHED
 from stage_driver_sim.run_node import run_node
 
 _FINGERS = (1, 2, 3)
@@ -46,13 +49,16 @@ _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,99}')
 # Messages published before the request to stop may still be under way: they get this long.
 _UNDER_WAY_S = 0.1
 _POLL_S = 0.02
+STATUS_PERIOD_S = 1.0
+"""Between two reports on ``/diagnostics`` [s]."""
 
 
 class Recorder(Node):
     """Records the runs of one station.
 
-    Services ``~/start_run`` and ``~/stop_run``. Parameters ``run_dir`` (folder of the records),
-    ``stop_timeout`` (how long ``stop_run`` waits for setpoints that are still missing).
+    Services ``~/start_run`` and ``~/stop_run``; reports on ``events`` and ``/diagnostics``.
+    Parameters ``run_dir`` (folder of the records), ``stop_timeout`` (how long ``stop_run`` waits
+    for setpoints that are still missing), ``max_message_size`` (larger ones are left out).
     """
 
     def __init__(self, clock_ns: Callable[[], int] = time.time_ns, **node_options: Any) -> None:
@@ -71,18 +77,28 @@ class Recorder(Node):
                 floating_point_range=[FloatingPointRange(from_value=0.0, to_value=600.0)],
             ),
         )
+        self.declare_parameter(
+            'max_message_size',
+            100_000_000,
+            ParameterDescriptor(
+                description='[byte] Larger messages are left out of the record, with an event.',
+                integer_range=[IntegerRange(from_value=1000, to_value=2**31, step=1)],
+            ),
+        )
         self._run: OpenRun | None = None
+        self._noted_parameters: dict[str, str] = {}
         self._latched: dict[str, bytes] = {}
         self._events = self.create_publisher(RunEvent, 'events', EVENTS)
-        topics = (PLAN_TOPIC, *recorded_topics(_FINGERS))
-        self._channels = [(self.resolve_topic_name(topic.name), topic) for topic in topics]
-        self._schemas = {
-            topic.type_name: ros2msg_schema(topic.type_name) for _, topic in self._channels
-        }
-        for name, topic in self._channels[1:]:
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
+        self._parameters_of_all = ParameterBook(self)
+        topics = recorded_topics(_FINGERS)
+        self._announced = [self._announce(topic) for topic in (PLAN_TOPIC, *topics)]
+        for topic in topics:
+            name = self.resolve_topic_name(topic.name)
             self.create_subscription(
                 topic.message_type, name, partial(self._record, name, topic), topic.qos, raw=True
             )
+        self.create_timer(STATUS_PERIOD_S, self._publish_status)
         self.create_service(StartRun, '~/start_run', self._start_run)
         # While stop_run waits it must not hold the group of the subscriptions and timers.
         self.create_service(
@@ -94,11 +110,29 @@ class Recorder(Node):
         self._close_run('the recorder ended before the run did')
         super().destroy_node()
 
+    def _announce(self, topic: RecordedTopic) -> AnnouncedTopic:
+        """Return what is said of a topic in every record."""
+        return AnnouncedTopic(
+            name=self.resolve_topic_name(topic.name),
+            type_name=topic.type_name,
+            schema=ros2msg_schema(topic.type_name),
+            offered_qos=offered_qos_yaml(topic.qos),
+            type_hash=installed_type_hash(topic.type_name),
+        )
+
     def _close_run(self, end: str) -> None:
         """Finish the file of the open run, if there is one; `end` says why, in the file."""
         run, self._run = self._run, None
         if run is not None:
+            self._note_parameters(run)
             run.close(end)
+
+    def _note_parameters(self, run: OpenRun) -> None:
+        """Keep the parameters of all nodes, unless they are in the file as they are."""
+        known = self._parameters_of_all.text()
+        if known != self._noted_parameters:
+            self._noted_parameters = known
+            run.note(PARAMETERS_METADATA, known)
 
     def _record(self, name: str, topic: RecordedTopic, cdr: bytes, info: dict[str, int]) -> None:
         if topic.qos is LATCHED:
@@ -114,7 +148,10 @@ class Recorder(Node):
             info['publication_sequence_number'] or 0,
         )
         if not written:
-            self._report(ErrorCode.RECORDER_MISSING, run.failure)
+            # once, for each topic that has messages that are too large
+            if run.failure or run.left_out[name] == 1:
+                self._report(ErrorCode.RECORDER_MISSING, run.fault)
+                self._publish_status()
         elif topic.finger:
             chunk = deserialize_message(cdr, SetpointChunk)
             run.count_setpoints(
@@ -129,24 +166,34 @@ class Recorder(Node):
         response.error_code, response.error_msg = self._refusal(name, request.metadata_json)
         if response.error_code:
             return response
-        run_dir = Path(self.get_parameter('run_dir').value).expanduser()
         metadata = {
             'run': name,
             'started': started.isoformat(),
             'plan_hash': request.plan.plan_hash,
             'metadata_json': request.metadata_json,
-            'microhand_station': _station_version(),
+            'microhand_station': installed_version('microhand_station') or 'not installed',
             'python': platform.python_version(),
         }
         try:
-            self._run = self._open(run_dir, name, metadata, serialize_message(request.plan))
+            run = self._open(name, metadata, request.plan)
         except OSError as error:
             response.error_code = ErrorCode.RECORDER_MISSING
-            response.error_msg = f'run_dir is {run_dir}; it cannot be written: {error.strerror}'
+            response.error_msg = (
+                f'run_dir is {self._run_dir}; it cannot be written: {error.strerror}'
+            )
             return response
-        response.file = str(self._run.path)
+        self._run = run
+        response.file = str(run.path)
         self._report(ErrorCode.SUCCESS, f'recording {response.file}')
+        if request.mesh_file:
+            self._attach_mesh(run, Path(request.mesh_file))
+        self._publish_status()
         return response
+
+    @property
+    def _run_dir(self) -> Path:
+        """Folder of the records."""
+        return Path(self.get_parameter('run_dir').value).expanduser()
 
     def _refusal(self, name: str, metadata_json: str) -> tuple[int, str]:
         """Error code and message of a request that cannot be served; (0, '') for a good one."""
@@ -163,27 +210,42 @@ class Recorder(Node):
             return ErrorCode.INVALID_PARAMETER, 'metadata_json is not JSON; allowed: a JSON object'
         return ErrorCode.SUCCESS, ''
 
-    def _open(
-        self, run_dir: Path, name: str, metadata: dict[str, str], plan_cdr: bytes
-    ) -> OpenRun:
-        """Create the file, announce every topic, write what was published once before the run."""
-        path, stream = create_run_file(run_dir, name)
+    def _open(self, name: str, metadata: dict[str, str], plan: Plan) -> OpenRun:
+        """Open a record; write what there was before the run and is needed to understand it."""
+        largest: int = self.get_parameter('max_message_size').value
+        run = OpenRun(self._run_dir, name, metadata, self._announced, _FINGERS, largest)
+        run.note(VERSIONS_METADATA, versions())
+        self._noted_parameters = {}
+        self._note_parameters(run)
+        now_ns = self._clock_ns()
+        run.write(self._announced[0].name, serialize_message(plan), now_ns, now_ns)
+        for topic_name, cdr in self._latched.items():
+            run.write(topic_name, cdr, now_ns, now_ns)
+        if run.failure:
+            failure = run.failure
+            run.discard()
+            raise OSError(None, failure)
+        return run
+
+    def _attach_mesh(self, run: OpenRun, mesh_file: Path) -> None:
+        """Keep the mesh of the object; a run goes on without one that cannot be read."""
         try:
-            writer = RunWriter(stream, metadata)
-            for topic_name, topic in self._channels:
-                schema = self._schemas[topic.type_name]
-                qos = offered_qos_yaml(topic.qos)
-                writer.add_topic(topic_name, topic.type_name, schema, qos)
-            now_ns = self._clock_ns()
-            writer.write(self._channels[0][0], plan_cdr, now_ns, now_ns)
-            for topic_name, cdr in self._latched.items():
-                writer.write(topic_name, cdr, now_ns, now_ns)
-        except OSError:
-            with suppress(OSError):  # closing tries once more to write what was refused
-                stream.close()
-            path.unlink()
-            raise
-        return OpenRun(path, writer, _FINGERS)
+            data = mesh_file.read_bytes()
+        except OSError as error:
+            self._report(
+                ErrorCode.SUCCESS,  # the run can do without
+                f'mesh_file is {mesh_file}; it cannot be kept in the record: {error.strerror}',
+            )
+            return
+        media_type = f'model/{mesh_file.suffix.lower().lstrip(".")}'
+        run.attach(mesh_file.name, media_type, data, self._clock_ns())
+
+    def _publish_status(self) -> None:
+        """Tell ``/diagnostics`` how the record is."""
+        status = record_status(self.get_fully_qualified_name(), self._run_dir, self._run)
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
 
     async def _stop_run(
         self, request: StopRun.Request, response: StopRun.Response
@@ -230,13 +292,6 @@ class Recorder(Node):
         event = RunEvent(source=self.get_fully_qualified_name(), error_code=error_code, text=text)
         event.header.stamp = self.get_clock().now().to_msg()
         self._events.publish(event)
-
-
-def _station_version() -> str:
-    try:
-        return version('microhand_station')
-    except PackageNotFoundError:
-        return 'not installed'
 
 
 def main() -> int:

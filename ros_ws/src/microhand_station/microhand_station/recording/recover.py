@@ -11,6 +11,7 @@ from mcap.writer import Writer
 
 from microhand_planner.core.errors import BadRequest
 from microhand_station.recording.record_scan import scan_records
+from microhand_station.recording.run_writer import CHUNK_BYTES
 
 
 def recover(
@@ -48,7 +49,7 @@ def recover(
         raise BadRequest('output', out_path, allowed) from error
     try:
         with stream:
-            writer = Writer(stream)
+            writer = Writer(stream, CHUNK_BYTES)
             # A header that cannot be read leaves the profile that the recorder writes.
             profile = first.profile if isinstance(first, Header) else 'ros2'
             writer.start(profile=profile, library='microhand recover')

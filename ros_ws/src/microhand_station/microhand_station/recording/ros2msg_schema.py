@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -35,6 +36,23 @@ def installed_definition(package: str, name: str) -> str:
     if not path.is_file():
         raise LookupError(f'package {package} has no message {name}: {path} is missing')
     return path.read_text(encoding='utf-8')
+
+
+def installed_type_hash(type_name: str) -> str:
+    """Hash of an installed message type, as ROS computes it; empty: it is not told.
+
+    Parameters
+    ----------
+    type_name : str
+        ``package/msg/Type``.
+    """
+    package, kind, name = type_name.split('/')
+    path = Path(get_package_share_directory(package)) / kind / f'{name}.json'
+    try:
+        hashes = json.loads(path.read_text(encoding='utf-8'))['type_hashes']
+    except (OSError, ValueError, KeyError):
+        return ''
+    return next((str(h['hash_string']) for h in hashes if h['type_name'] == type_name), '')
 
 
 def ros2msg_schema(

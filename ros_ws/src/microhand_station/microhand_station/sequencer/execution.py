@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from microhand_msgs_py.msg import Plan as PlanMsg
 
+from microhand_planner.core.catalogue import find_mesh_file
 from microhand_planner.core.errors import MicrohandError, RunFailed
 from microhand_planner.core.motions import Motion
 from microhand_planner.core.plan import FINGERS, Plan
@@ -56,6 +58,8 @@ class Outcome:
         What went wrong; empty on success.
     record_file : str
         Path of the record; empty: not recorded.
+    record_error : str
+        What is wrong with the record of a run that went on all the same; empty: nothing.
     setpoints_sent : int
         To each finger.
     duration_s : float
@@ -69,6 +73,7 @@ class Outcome:
     code: int
     message: str
     record_file: str
+    record_error: str
     setpoints_sent: int
     duration_s: float
     judged: bool = False
@@ -106,12 +111,15 @@ class Order:
         Where the twin finds the object; empty: by the plan's name for it.
     unit_m : float
         Of the object's mesh [m]; 0: the default.
+    request : mapping
+        What was asked for, kept in the record.
     """
 
     plan: PlanMsg
     name: str = ''
     object_name: str = ''
     unit_m: float = 0.0
+    request: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Execution:
@@ -163,8 +171,9 @@ class Execution:
         self._on_progress = on_progress
         self._on_event = on_event
         self._on_deviation = on_deviation
-        self._streamer = Streamer(stages, control, now_ns, self._check_object)
+        self._streamer = Streamer(stages, control, now_ns, self._check)
         self._record_file = ''
+        self._record_error = ''
         self._duration_s = 0.0
         self._goal: Pose | None = None
         self._judged_ns = 0
@@ -186,12 +195,15 @@ class Execution:
         if self._record_file:
             sent = [self._streamer.setpoints_sent] * FINGERS
             incomplete = self._recorder.stop(sent, CLOSE_RECORD_S)
-            if incomplete and not code:
+            if incomplete and self._config.recording.goes_on:
+                self._record_error = self._record_error or incomplete
+            elif incomplete and not code:
                 code, text = RECORDER_MISSING, incomplete
         return Outcome(
             code,
             text,
             self._record_file,
+            self._record_error,
             self._streamer.setpoints_sent,
             self._duration_s,
             judged,
@@ -204,9 +216,8 @@ class Execution:
         cleared = Preflight(self._stages, self._config, self._control).clear(order.plan)
         if self._twin is not None:
             self._twin.load(order.plan, order.object_name, order.unit_m, ANSWER_S)
-        if self._config.record:
-            metadata = {'station': self._config.to_dict(), 'planned_s': cleared.planned_s}
-            self._record_file = self._recorder.start(order.name, metadata, order.plan, ANSWER_S)
+        if self._config.recording.required:
+            self._open_record(order, cleared)
         self._control.check_orders()
         self._control.fire(Event.BEGIN)
         self._goal = cleared.plan.goal
@@ -215,6 +226,35 @@ class Execution:
             self._move(cleared)
         finally:
             self._duration_s = time.monotonic() - began_s
+
+    def _open_record(self, order: Order, cleared: Cleared) -> None:
+        """Have the run recorded, with all that is needed to understand it."""
+        metadata = {
+            'station': self._config.to_dict(),
+            'request': order.request,
+            'planned_s': cleared.planned_s,
+        }
+        mesh = find_mesh_file(order.object_name or order.plan.object_name)
+        try:
+            self._record_file = self._recorder.start(
+                order.name,
+                metadata,
+                order.plan,
+                '' if mesh is None else str(mesh.absolute()),
+                ANSWER_S,
+            )
+        except RunFailed as error:
+            if error.code != RECORDER_MISSING:
+                raise
+            self._bear(str(error))
+
+    def _bear(self, record_error: str) -> None:
+        """Go on without a record, or with a part of one, if the station is to; raise if not."""
+        if not self._config.recording.goes_on:
+            raise RunFailed(record_error, RECORDER_MISSING)
+        if not self._record_error:
+            self._record_error = record_error
+            self._on_event(f'the run goes on, but {record_error}', RECORDER_MISSING)
 
     def _move(self, cleared: Cleared) -> None:
         """Go to where the plan begins, and execute it, motion by motion."""
@@ -277,6 +317,12 @@ class Execution:
         """Leave the object to the fingers."""
         if self._twin is not None:
             self._twin.release(ANSWER_S)
+
+    def _check(self, planned_at: PlannedAt) -> None:
+        """Raise unless the object is where the plan has it, and the run is being recorded."""
+        self._check_object(planned_at)
+        if self._recorder.fault:
+            self._bear(self._recorder.fault)
 
     def _check_object(self, planned_at: PlannedAt) -> None:
         """Raise unless the twin reports that the object is where the plan has it."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import signal
 import sys
@@ -26,11 +27,17 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 
-from microhand_planner.core.errors import BadRequest, MicrohandError, RunFailed
+from microhand_planner.core.errors import (
+    BadRequest,
+    InvalidParameter,
+    MicrohandError,
+    RunFailed,
+)
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.ros.conversions import UM_PER_M
 from microhand_planner.ros.workers import Workers
 from microhand_station.config import StationConfig, read_config
+from microhand_station.message_note import message_note
 from microhand_station.sequencer.emergency import release_stages, stop_stages
 from microhand_station.sequencer.execution import Execution, Grasp, Order, Outcome
 from microhand_station.sequencer.object_watch import Deviation
@@ -134,7 +141,9 @@ class SequencerNode(Node):
         request = goal.request
 
         def work() -> ExecutePlan.Result:
-            order = Order(request.plan, request.run_name, request.object, request.unit)
+            order = Order(
+                request.plan, request.run_name, request.object, request.unit, _asked(request)
+            )
             outcome = self._run(goal, order, _execution_feedback)
             return _fill_outcome(ExecutePlan.Result(), outcome)
 
@@ -160,7 +169,9 @@ class SequencerNode(Node):
                 self._control,
             )
             planned_s = time.monotonic() - began_s
-            order = Order(plan, request.run_name, request.object, request.unit)
+            order = Order(
+                plan, request.run_name, request.object, request.unit, message_note(request)
+            )
             outcome = self._run(goal, order, _reorientation_feedback)
             result = Reorient.Result(plan=plan, planning_time=planned_s)
             return _fill_outcome(result, outcome)
@@ -295,10 +306,22 @@ class SequencerNode(Node):
         self._events.publish(event)
 
 
+def _asked(goal: ExecutePlan.Goal) -> dict[str, Any]:
+    """Return what a plan was made for, as far as the goal tells it, and how it was sent here."""
+    try:
+        request = json.loads(goal.request_json or '{}')
+    except ValueError as error:
+        raise InvalidParameter('request_json', f'no JSON ({error})', 'a JSON object') from error
+    if not isinstance(request, dict):
+        raise InvalidParameter('request_json', repr(request)[:60], 'a JSON object')
+    sent = {'object': goal.object, 'unit': goal.unit, 'run_name': goal.run_name}
+    return {**request, **{name: value for name, value in sent.items() if value}}
+
+
 def _fill_outcome(result: Any, outcome: Outcome) -> Any:
     """Fill in how a run ended."""
     result.error_code, result.error_msg = outcome.code, outcome.message
-    result.record_file = outcome.record_file
+    result.record_file, result.record_error = outcome.record_file, outcome.record_error
     result.setpoints_sent = [outcome.setpoints_sent] * FINGERS
     result.duration = outcome.duration_s
     result.object_judged, result.held = outcome.judged, outcome.held

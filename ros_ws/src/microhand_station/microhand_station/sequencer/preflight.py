@@ -113,6 +113,7 @@ class Preflight:
                     trajectory.tip_um, trajectory.velocity_um_s, limits, trajectory.period_s
                 )
         self._wait_for(lambda: self._check_listeners(pieces), ANSWER_S)
+        self._wait_for_recorder()
         return Cleared(plan, approach, pieces, limits)
 
     def _approach(self, plan: Plan, slowest_um_s: float) -> Trajectory | None:
@@ -140,22 +141,33 @@ class Preflight:
         check_ready([stage.report for stage in self._stages], time.monotonic())
 
     def _check_listeners(self, pieces: Sequence[Motion]) -> None:
-        """Raise unless setpoints will reach drivers and recorder, and contacts the drivers."""
+        """Raise unless setpoints and contacts will reach the drivers."""
         guarded = np.any([motion.guarded for motion in pieces], axis=0)
         for finger, stage in enumerate(self._stages, start=1):
-            listeners = stage.listeners()
-            if 'stage_driver' not in listeners:
+            if 'stage_driver' not in stage.listeners():
                 raise RunFailed(
                     f'finger {finger}: its stage driver does not listen', STAGE_MISSING
                 )
-            if self._config.record and 'recorder' not in listeners:
-                raise RunFailed('the recorder is not there', RECORDER_MISSING)
             if guarded[finger - 1] and not self._config.twin.enabled:
                 if not stage.has_contact_sensor():
                     raise RunFailed(
                         f'finger {finger}: nobody reports its contacts, and there is no twin',
                         NO_CONTACT,
                     )
+
+    def _wait_for_recorder(self) -> None:
+        """Return when setpoints will reach the recorder, or need not."""
+
+        def check() -> None:
+            if any('recorder' not in stage.listeners() for stage in self._stages):
+                raise RunFailed('the recorder is not there', RECORDER_MISSING)
+
+        if self._config.recording.required:
+            try:
+                self._wait_for(check, ANSWER_S)
+            except RunFailed as error:
+                if error.code != RECORDER_MISSING or not self._config.recording.goes_on:
+                    raise
 
     def _wait_for(self, check: Callable[[], None], deadline_s: float) -> None:
         """Return when `check` passes; raise what it says when the time is over."""

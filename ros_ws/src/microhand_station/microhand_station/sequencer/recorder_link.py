@@ -7,12 +7,14 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from microhand_msgs_py.msg import Plan
 from microhand_msgs_py.srv import StartRun, StopRun
 from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
 from microhand_station.service_call import call, greet
+from stage_driver_sim.qos import DIAGNOSTICS
 
 RECORDER_MISSING = 304
 
@@ -30,9 +32,37 @@ class RecorderLink:
         self._node = node
         self._start = node.create_client(StartRun, 'recorder/start_run')
         self._stop = node.create_client(StopRun, 'recorder/stop_run')
+        self._status_name = f'{node.get_namespace().rstrip("/")}/recorder: record'
+        self._file = self._fault = ''
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._receive, DIAGNOSTICS)
 
-    def start(self, name: str, metadata: Mapping[str, Any], plan: Plan, deadline_s: float) -> str:
+    @property
+    def fault(self) -> str:
+        """What the recorder says is wrong with the record being written; empty: nothing."""
+        return self._fault
+
+    def start(
+        self,
+        name: str,
+        metadata: Mapping[str, Any],
+        plan: Plan,
+        mesh_file: str,
+        deadline_s: float,
+    ) -> str:
         """Open the record of a run; return the path of the file.
+
+        Parameters
+        ----------
+        name : str
+            Of the run; empty: made from the time.
+        metadata : mapping
+            Kept in the file.
+        plan : Plan
+            Kept in the file.
+        mesh_file : str
+            Attached to the file; empty: none.
+        deadline_s : float
+            Longest wait for an answer [s].
 
         Raises
         ------
@@ -48,14 +78,17 @@ class RecorderLink:
         )
         answer = call(
             self._start,
-            StartRun.Request(name=name, metadata_json=json.dumps(metadata), plan=plan),
+            StartRun.Request(
+                name=name, metadata_json=json.dumps(metadata), plan=plan, mesh_file=mesh_file
+            ),
             deadline_s=deadline_s,
             who='the recorder',
             missing_code=RECORDER_MISSING,
         )
         if answer.error_code:
             raise RunFailed(f'recorder: {answer.error_msg}', answer.error_code)
-        return str(answer.file)
+        self._file, self._fault = str(answer.file), ''
+        return self._file
 
     def stop(self, setpoints: Sequence[int], deadline_s: float) -> str:
         """Close the record of a run that sent so many setpoints; return what is wrong with it.
@@ -65,6 +98,7 @@ class RecorderLink:
         str
             Empty if every setpoint is in the file.
         """
+        self._file = self._fault = ''
         try:
             answer = call(
                 self._stop,
@@ -76,3 +110,12 @@ class RecorderLink:
         except RunFailed as error:
             return str(error)
         return f'recorder: {answer.error_msg}' if answer.error_code else ''
+
+    def _receive(self, array: DiagnosticArray) -> None:
+        """Note what the recorder says of the open record."""
+        for status in array.status:
+            if status.name != self._status_name or status.level != DiagnosticStatus.ERROR:
+                continue
+            file = next((item.value for item in status.values if item.key == 'file'), '')
+            if self._file and file == self._file:
+                self._fault = status.message

@@ -15,7 +15,7 @@ from viser import GuiButtonHandle
 
 from microhand_planner.core.errors import MicrohandError
 from microhand_planner.core.plan import Plan
-from microhand_station.client import ExecutionResult
+from microhand_station.client_answers import ExecutionResult
 from microhand_station.view import status_text
 from microhand_station.view.buttons import Buttons, allowed_buttons
 from microhand_station.view.part_store import PartStore

@@ -15,7 +15,8 @@ from rclpy.task import Future
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.parameters import SearchOptions
 from microhand_planner.core.plan import FINGERS, Plan
-from microhand_station.client import ExecutionResult, PlanAnswer, StationClient
+from microhand_station.client import StationClient
+from microhand_station.client_answers import ExecutionResult, PlanAnswer
 from microhand_station.sequencer.states import NOT_ALLOWED, State
 from microhand_station.service_call import POLL_S, call
 from microhand_station.view.request_form import Request

@@ -29,6 +29,7 @@ from scipy.sparse import csgraph
 
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.decomposition import PlanarRotation
+from microhand_planner.core.interruption import uninterrupted
 from microhand_planner.core.offset_curve import offset_curve
 from microhand_planner.core.parameters import Mode, SearchOptions
 from microhand_planner.core.planar import solve_planar
@@ -70,7 +71,7 @@ def ours(goal: Node, alike: bool) -> float:
         problem.law,
         SearchOptions(mode=Mode.PAPER),
         time.monotonic,
-        np.zeros(1, int),
+        uninterrupted(),
     )
     turn = PlanarRotation('z', math.radians(problem.step_deg * (goal[3] - START[3])))
     planned, _ = plan_planar_rotation(turn, curve, request, joints, joints)

@@ -97,6 +97,26 @@ def test_limits_that_are_not_reached_change_nothing():
     assert np.array_equal(free.states, limited.states)
 
 
+@pytest.mark.parametrize('adhesion', [True, False])
+def test_effort_can_be_seen_from_outside(adhesion):
+    """The flag counts the states of all searches, and the watch tells what it shows."""
+    told = []
+    law = ContactLaw(friction=0.5, adhesion=adhesion)
+    curve = offset_curve(ellipse_section(15.2, 12.7, XY_PLANE), 4.5)
+    joints = (0.0, curve.phase_of_joint_j)
+    effort = 0
+    with interruption(None, None, time.monotonic, told.append) as flag:
+        problem = Problem(Finger(), law, SearchOptions(), time.monotonic, flag)
+        for angle_deg in (220.0, 80.0):
+            turn = PlanarRotation('z', math.radians(angle_deg))
+            _, expanded = plan_planar_rotation(turn, curve, problem, joints, joints)
+            effort += expanded
+        deadline = time.monotonic() + SOON_S
+        while effort not in told:
+            assert time.monotonic() < deadline
+    assert flag[1] == effort > 0
+
+
 def test_nobody_watches_without_a_reason():
     """Without limit and caller no thread is started, and the flag stays down."""
     before = threading.active_count()

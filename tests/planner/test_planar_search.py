@@ -21,6 +21,7 @@ from microhand_planner.core import (
 )
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.decomposition import PlanarRotation
+from microhand_planner.core.interruption import uninterrupted
 from microhand_planner.core.offset_curve import offset_curve
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.planar import solve_planar
@@ -189,7 +190,7 @@ def random_rules(rng):
 def search(shape, finger, law, options, angle_rad, ends, bound_ndeg=None, rules=None):
     """Return what the planner finds for one rotation: a `PlannedRotation` or None."""
     curve = offset_curve(ellipse_section(shape.a_um, shape.b_um, XY_PLANE), finger.radius_um)
-    problem = Problem(finger, law, options, time.monotonic, np.zeros(1, dtype=np.int64), rules)
+    problem = Problem(finger, law, options, time.monotonic, uninterrupted(), rules)
     bound = {} if bound_ndeg is None else {'bound_ndeg': bound_ndeg}
     rotation = PlanarRotation('z', angle_rad)
     planned, _ = plan_planar_rotation(rotation, curve, problem, *ends, **bound)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.decomposition import PlanarRotation, decompositions
 from microhand_planner.core.errors import NoPlanExists
+from microhand_planner.core.interruption import uninterrupted
 from microhand_planner.core.offset_curve import offset_curve
 from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
 from microhand_planner.core.planned_rotation import Problem
@@ -39,7 +40,7 @@ def curves_of(semi_axes_um, tip_um):
 
 def problem_of(options, law=None, finger=None):
     """Return what the searches share, with nobody to interrupt them."""
-    interrupt = np.zeros(1, dtype=np.int64)
+    interrupt = uninterrupted()
     return Problem(finger or Finger(), law or ContactLaw(), options, time.monotonic, interrupt)
 
 

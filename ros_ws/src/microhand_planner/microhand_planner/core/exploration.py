@@ -31,6 +31,7 @@ def explore(
     states: States,
     starts: Iterator[int],
     bits: Packing,
+    interrupt: IntArray,
     *,
     several: bool,
     interchangeable: bool,
@@ -48,6 +49,8 @@ def explore(
         Packed grasps to start from, the best first.
     bits : Packing
         Of the states.
+    interrupt : (2,) int64
+        See `interruption`.
     several : bool
         False: there is one start only.
     interchangeable, reverse : bool
@@ -58,6 +61,8 @@ def explore(
     TimeLimitReached
         There is no room for more states.
     """
+    if interrupt.shape != (2,):  # compiled code writes to it, and does not look
+        raise ValueError(f'a flag of shape (2,) is needed, not {interrupt.shape}')
     start = next(starts, NOBODY)
     while True:
         several = several and start != NOBODY
@@ -65,7 +70,7 @@ def explore(
         if ended == MORE_STARTS:
             start = next(starts, NOBODY)
         elif ended == MORE_ROOM:
-            states = with_more(states)
+            states = with_more(states, interrupt)
         else:
             break
     expanded = int(states.counts[EXPANDED])
@@ -79,8 +84,3 @@ def explore(
     if interchangeable:
         path = named_fingers(path)
     return SearchResult(Outcome.FOUND, int(states.cost[ended]), path, expanded, waiting)
-
-
-def uninterrupted() -> IntArray:
-    """Return the flag of a search that nobody ends."""
-    return np.zeros(1, dtype=np.int64)

@@ -22,9 +22,9 @@ from microhand_planner.core.exploration import (
     MORE_ROOM,
     MORE_STARTS,
     explore,
-    uninterrupted,
 )
 from microhand_planner.core.grasp import pair_presses, triple_presses
+from microhand_planner.core.interruption import uninterrupted
 from microhand_planner.core.key_table import NOBODY, spread
 from microhand_planner.core.open_list import least_total, take, wait
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
@@ -105,8 +105,8 @@ def graph_search(
         As in `swap_search`.
     bound_ndeg : int
         Stop as soon as no path costs less than this [1e-9 deg].
-    interrupt : (1,) int64, optional
-        Another thread ends the search by writing an `Outcome`.
+    interrupt : (2,) int64, optional
+        As in `swap_search`.
     rules : GripRules, optional
         Only their share of the friction counts.
 
@@ -151,6 +151,7 @@ def graph_search(
         no_states(len(theta_ndeg), rank_count, _TOTALS, looks=False),
         starts(),
         task.bits,
+        interrupt,
         several=is_any(start),
         interchangeable=interchangeable,
         reverse=reverse,
@@ -205,6 +206,7 @@ def run(
 
         if stage == _NEARER:
             states.counts[EXPANDED] += 1
+            interrupt[1] += 1
             for arrive in (at - 1, at + 1):
                 if arrive < 0 or arrive >= orientations:
                     continue

@@ -19,7 +19,8 @@ from microhand_planner.core.removal_verdicts import CHUNK, RemovalLaw, chunk_ver
 from microhand_planner.core.rotation_lattice import BoolArray, IntArray
 from microhand_planner.core.search_state import RECONFIGURATION_NDEG
 
-NOWHERE = -2
+UNSEEN, NOWHERE, SEEN = 0, -1, 1
+"""What `States.nearest` holds: nothing as yet, nowhere, or an orientation plus `SEEN`."""
 SWAP_NDEG = 2 * RECONFIGURATION_NDEG
 
 
@@ -85,7 +86,7 @@ def look(
     theta_ndeg, end : (m,) int, int
         Orientations [1e-9 deg], and which of them is the goal's.
     nearest : (m,) int
-        Takes the orientations, by way of which the goal's is nearest; or `NOWHERE`.
+        Takes the orientations plus `SEEN`, by way of which the goal's is nearest; or `NOWHERE`.
     """
     orientations = len(theta_ndeg)
     least = law.least_um * law.least_um
@@ -113,18 +114,18 @@ def look(
         if not room.stands[at]:
             last = NOWHERE
         elif room.near[at]:
-            last = at
+            last = at + SEEN
         nearest[at] = last
     last = NOWHERE
     for at in range(orientations - 1, -1, -1):
         if not room.stands[at]:
             last = NOWHERE
         elif room.near[at]:
-            last = at
+            last = at + SEEN
         if last != NOWHERE and (
             nearest[at] == NOWHERE
-            or detour_ndeg(theta_ndeg, at, last, end)
-            < detour_ndeg(theta_ndeg, at, nearest[at], end)
+            or detour_ndeg(theta_ndeg, at, last - SEEN, end)
+            < detour_ndeg(theta_ndeg, at, nearest[at] - SEEN, end)
         ):
             nearest[at] = last
 

@@ -52,7 +52,7 @@ def solve_planar(problem: PlanarProblem, interrupt: IntArray | None = None) -> P
     ----------
     problem : PlanarProblem
         The problem.
-    interrupt : (1,) int64, optional
+    interrupt : (2,) int64, optional
         See `interruption`.
 
     Returns

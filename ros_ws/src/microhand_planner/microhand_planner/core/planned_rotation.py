@@ -83,7 +83,7 @@ class Problem:
         What the planner assumes.
     clock : callable
         Current time [s].
-    interrupt : (1,) int64
+    interrupt : (2,) int64
         See `interruption`.
     rules : GripRules or None
         Margins that removals keep; None: [Kumar2021] Eq. 4 alone.
@@ -135,7 +135,12 @@ def plan_planar_rotation(
     """
     started = problem.clock()
     lattice = rotation_lattice(
-        curve, part.angle_rad, problem.options, start_phase_rad or (), goal_phase_rad or ()
+        curve,
+        part.angle_rad,
+        problem.options,
+        start_phase_rad or (),
+        goal_phase_rad or (),
+        problem.interrupt,
     )
     search = graph_search if problem.law.stick_uN == 0.0 else swap_search
     goal = ANY_GRASP

@@ -40,6 +40,7 @@ def plan_reorientation(
     decomposition: Sequence[PlanarRotation] | None = None,
     clock: Callable[[], float] = time.monotonic,
     cancelled: Callable[[], bool] | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Plan:
     """Plan the cheapest finger motions that bring an object from one pose to another.
 
@@ -67,6 +68,8 @@ def plan_reorientation(
         Current time [s].
     cancelled : callable, optional
         Asked during the search; True ends it.
+    progress : callable, optional
+        Told again and again during the search, in another thread, how many states were expanded.
 
     Returns
     -------
@@ -111,7 +114,7 @@ def plan_reorientation(
     held = None
     if start_tip_um is not None:
         held = start_grasp(start_tip_um, start, geometry.curves)
-    with interruption(options.time_limit_s, cancelled, clock) as interrupt:
+    with interruption(options.time_limit_s, cancelled, clock, progress) as interrupt:
         sequence = cheapest_sequence(
             choices,
             geometry.curves,

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 import numpy.typing as npt
 
@@ -110,6 +111,7 @@ def rotation_lattice(
     options: SearchOptions,
     start_phase_rad: tuple[float, ...] = (),
     goal_phase_rad: tuple[float, ...] = (),
+    interrupt: IntArray | None = None,
 ) -> RotationLattice:
     """Make one planar rotation discrete.
 
@@ -123,6 +125,8 @@ def rotation_lattice(
         Step and mode.
     start_phase_rad, goal_phase_rad : tuple of float
         Contact phases that fingers have at the start, or must have at the goal [rad].
+    interrupt : (2,) int64, optional
+        See `interruption`; what is returned then is good for nothing.
 
     Returns
     -------
@@ -160,7 +164,9 @@ def rotation_lattice(
 
     gap_rad = spacing_rad if paper else _LARGEST_GAP_RAD
     density = max(1, math.ceil(spacing_rad / gap_rad - _SAME))
-    sample_of, phase_unit = _contact_samples(track_unit, theta_unit, contacts, density)
+    if interrupt is None:
+        interrupt = np.zeros(2, dtype=np.int64)
+    sample_of, phase_unit = _contact_samples(track_unit, theta_unit, contacts, density, interrupt)
     phase_rad = phase_unit * spacing_rad
     points = curve.at(phase_rad)
     margin_rad = 0.0 if paper else spacing_rad / density
@@ -228,7 +234,11 @@ def _distinct(track_unit: FloatArray, contacts: int) -> FloatArray:
 
 
 def _contact_samples(
-    track_unit: FloatArray, theta_unit: FloatArray, contacts: int, density: int
+    track_unit: FloatArray,
+    theta_unit: FloatArray,
+    contacts: int,
+    density: int,
+    interrupt: IntArray,
 ) -> tuple[IntArray, FloatArray]:
     """Return the sample of each track at each orientation, and the samples' phases.
 
@@ -243,11 +253,50 @@ def _contact_samples(
     shift = np.maximum(phase - whole, 0.0)
     _, first, block = np.unique(np.round(shift / _SAME), return_index=True, return_inverse=True)
     shifts = shift.ravel()[first]
-    # in place, and without division: at fine steps there are millions of samples
-    within = whole.astype(np.int64).take(kind, axis=1)
-    within -= whole_turn.astype(np.int64) % contacts
-    within[within < 0] += contacts
-    within += (block.reshape(phase.shape) * contacts).take(kind, axis=1)
-    within *= density
+    sample_of = np.zeros((len(track_unit), len(theta_unit)), dtype=np.int64)
+    _fill_samples(
+        sample_of,
+        whole.astype(np.int64),
+        block.reshape(phase.shape) * contacts,
+        kind,
+        whole_turn.astype(np.int64) % contacts,
+        contacts,
+        density,
+        interrupt,
+    )
     steps = np.arange(contacts * density) / density
-    return within, (shifts[:, None] + steps[None, :]).ravel()
+    return sample_of, (shifts[:, None] + steps[None, :]).ravel()
+
+
+@nb.njit(cache=True, nogil=True)
+def _fill_samples(
+    sample_of: IntArray,
+    whole: IntArray,
+    block: IntArray,
+    kind: IntArray,
+    turned: IntArray,
+    contacts: int,
+    density: int,
+    interrupt: IntArray,
+) -> None:  # pragma: no cover - compiled
+    """Fill the samples of all tracks, one after the other, unless interrupted.
+
+    Parameters
+    ----------
+    sample_of : (n, m) int
+        Takes the samples.
+    whole, block : (n, k) int
+        By kind of orientation: lattice units that a track lies behind, and where its block begins.
+    kind, turned : (m,) int
+        Kind of an orientation, and by how many lattice units it is turned, modulo one turn.
+    contacts, density, interrupt
+        As in `rotation_lattice`.
+    """
+    for track in range(len(sample_of)):
+        if interrupt[0] != 0:
+            return
+        for at in range(len(kind)):
+            unit = whole[track, kind[at]] - turned[at]
+            if unit < 0:
+                unit += contacts
+            sample_of[track, at] = (block[track, kind[at]] + unit) * density

@@ -35,8 +35,8 @@ def starting_grasps(field: SearchField, orientation: int, interrupt: IntArray) -
         The planar problem.
     orientation : int
         Index of the orientation.
-    interrupt : (1,) int64
-        Not 0: end soon.
+    interrupt : (2,) int64
+        See `interruption`.
     """
     tracks = (1 << _TRACK_BITS) - 1
     block = np.zeros(0, dtype=np.int64)

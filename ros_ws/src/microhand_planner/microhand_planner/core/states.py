@@ -40,6 +40,7 @@ _Int = TypeVar('_Int', bound=np.signedinteger[Any])
 
 _ROOM = 256  # for grasps and states at first
 _BYTES_PER_STATE = 36
+_COPIED_AT_ONCE = 1 << 25  # bytes
 
 
 class States(NamedTuple):
@@ -52,8 +53,8 @@ class States(NamedTuple):
     state_of : (g, m) int
         The number of a grasp's state at an orientation plus one; 0: it was not met.
     nearest : (g, m) int
-        What is known of a grasp at an orientation, see `outlook`; `NOBODY` at first. No columns
-        where nobody looks.
+        What is known of a grasp at an orientation, see `outlook`; 0 at first. No columns where
+        nobody looks.
     fact : (s, 4) int
         Grasp and orientation of a state; the state before it (of a start: itself); what is to be
         done next when it is expanded, `NOBODY`: nothing.
@@ -91,7 +92,7 @@ def no_states(orientations: int, ranks: int, totals: int, *, looks: bool) -> Sta
     return States(
         key_table(_ROOM),
         np.zeros((_ROOM, orientations), dtype=np.int32),
-        np.full((_ROOM, orientations if looks else 0), NOBODY, dtype=np.int16),
+        np.zeros((_ROOM, orientations if looks else 0), dtype=np.int16),
         np.zeros((_ROOM, 4), dtype=np.int32),
         np.zeros(_ROOM, dtype=np.int64),
         open_list(_ROOM, ranks, 2 * totals),
@@ -114,8 +115,15 @@ def has_room(states: States, more: int) -> bool:  # pragma: no cover - compiled
     )
 
 
-def with_more(states: States) -> States:
+def with_more(states: States, interrupt: IntArray) -> States:
     """Return the same states with room for those for whom `has_room` found none.
+
+    Parameters
+    ----------
+    states : States
+        What has to grow.
+    interrupt : (2,) int64
+        See `interruption`; what is returned then is good for nothing but the count of states.
 
     Raises
     ------
@@ -144,13 +152,13 @@ def with_more(states: States) -> States:
         room = len(grasps.key)
         states = states._replace(
             grasps=grasps,
-            state_of=_longer(states.state_of, known, room),
-            nearest=_longer(states.nearest, known, room, NOBODY),
+            state_of=_longer(states.state_of, known, room, interrupt),
+            nearest=_longer(states.nearest, known, room, interrupt),
         )
     if rows > len(states.cost):
         states = states._replace(
-            fact=_longer(states.fact, rows_known, rows),
-            cost=_longer(states.cost, rows_known, rows),
+            fact=_longer(states.fact, rows_known, rows, interrupt),
+            cost=_longer(states.cost, rows_known, rows, interrupt),
             waiting=with_places(states.waiting, rows),
         )
     if states.waiting.counts[2] < states.totals:
@@ -158,10 +166,20 @@ def with_more(states: States) -> States:
     return states
 
 
-def _longer(rows: npt.NDArray[_Int], known: int, room: int, value: int = 0) -> npt.NDArray[_Int]:
-    """Return the first rows, and behind them others that are filled with a value."""
-    longer = np.full((room, *rows.shape[1:]), value, dtype=rows.dtype)
-    longer[:known] = rows[:known]
+def _longer(
+    rows: npt.NDArray[_Int], known: int, room: int, interrupt: IntArray
+) -> npt.NDArray[_Int]:
+    """Return the first rows, and behind them others that are zero.
+
+    Memory that is zero costs nothing before it is used.
+    """
+    longer = np.zeros((room, *rows.shape[1:]), dtype=rows.dtype)
+    at_once = max(1, _COPIED_AT_ONCE * len(rows) // max(1, rows.nbytes))
+    for begin in range(0, known, at_once):
+        if interrupt[0] != 0:  # hundreds of megabytes take longer than a time limit may
+            break
+        end = min(known, begin + at_once)
+        longer[begin:end] = rows[begin:end]
     return longer
 
 

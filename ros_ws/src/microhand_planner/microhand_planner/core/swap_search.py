@@ -16,7 +16,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from microhand_planner.core.exploration import explore, uninterrupted
+from microhand_planner.core.exploration import explore
+from microhand_planner.core.interruption import uninterrupted
 from microhand_planner.core.known_verdicts import known_verdicts
 from microhand_planner.core.outlook import SWAP_NDEG, no_outlook
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules
@@ -72,8 +73,8 @@ def swap_search(
         to its start orientation and the grasp `goal`. The path is returned in forward order.
     bound_ndeg : int
         Stop as soon as no path costs less than this [1e-9 deg].
-    interrupt : (1,) int64, optional
-        Looked at before every expansion; another thread ends the search by writing an `Outcome`.
+    interrupt : (2,) int64, optional
+        Looked at before every expansion, and counts them; see `interruption`.
     rules : GripRules, optional
         Margins that removals and rolls keep; by default [Kumar2021] Eq. 4 alone.
 
@@ -97,7 +98,7 @@ def swap_search(
     task = Task(
         field=field,
         columns=contact_columns(field, density),
-        place_of=lattice.sample_of // density,
+        place_of=_places(lattice, density),
         law=removal_law(field),
         contacts=lattice.contacts,
         bits=packing(len(lattice.track_unit), len(theta_ndeg)),
@@ -133,10 +134,20 @@ def swap_search(
         no_states(len(theta_ndeg), rank_count, _totals_at_a_time(theta_ndeg), looks=True),
         starts(),
         task.bits,
+        interrupt,
         several=is_any(start),
         interchangeable=interchangeable,
         reverse=reverse,
     )
+
+
+def _places(lattice: RotationLattice, density: int) -> IntArray:
+    """Return the place among `contact_columns` of each track and orientation, read-only."""
+    if density == 1:
+        return lattice.sample_of
+    places = lattice.sample_of // density
+    places.setflags(write=False)
+    return places
 
 
 def _stands(task: Task, grasp: Grasp, at: int) -> bool:

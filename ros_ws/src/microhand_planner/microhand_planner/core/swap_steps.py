@@ -23,7 +23,15 @@ from microhand_planner.core.known_verdicts import (
     swap_row,
 )
 from microhand_planner.core.open_list import least_total, lowest_bit, take, wait
-from microhand_planner.core.outlook import NOWHERE, SWAP_NDEG, Outlook, detour_ndeg, look
+from microhand_planner.core.outlook import (
+    NOWHERE,
+    SEEN,
+    SWAP_NDEG,
+    UNSEEN,
+    Outlook,
+    detour_ndeg,
+    look,
+)
 from microhand_planner.core.removal_verdicts import swap_verdict
 from microhand_planner.core.rotation_lattice import IntArray
 from microhand_planner.core.search_field import rolls
@@ -87,8 +95,8 @@ def run(
         A packed grasp and an orientation to start from, or -1: no more than before.
     more_starts : bool
         Whether there are more; they cost as much as this one.
-    interrupt : (1,) int64
-        An `Outcome` to end with, or 0.
+    interrupt : (2,) int64
+        See `interruption`.
 
     Returns
     -------
@@ -128,6 +136,7 @@ def run(
         base += 2 * abs(theta_ndeg[at] - theta_ndeg[task.end])
         if stage == _NEARER:
             states.counts[EXPANDED] += 1
+            interrupt[1] += 1
             _roll(task, known, state, number, grasp, left, at, base)
             if _nothing_nearer(task, states, number, left, at):
                 stage = _ASIDE
@@ -135,6 +144,7 @@ def run(
             following = _swap(task, known, state, grasp, left, at, stage)
             if following == _STUCK:  # begin the stage again, when there is room
                 states.counts[EXPANDED] -= stage == _NEARER
+                interrupt[1] -= stage == _NEARER
                 states.fact[state, STAGE] = stage
                 wait(states.waiting, state, total, task.ranks[at, left])
                 return MORE_ROOM
@@ -309,12 +319,12 @@ def _extra_ndeg(
     extra = 0
     if left != 0 and not is_any(task.goal):
         nearest = known.states.nearest
-        if nearest[number, at] == NOBODY:
+        if nearest[number, at] == UNSEEN:
             _look_at(task, known, number, grasp, left)
         by = nearest[number, at]
         extra = SWAP_NDEG
         if by != NOWHERE:
-            extra = min(extra, detour_ndeg(task.field.theta_ndeg, at, by, task.end))
+            extra = min(extra, detour_ndeg(task.field.theta_ndeg, at, by - SEEN, task.end))
     return extra
 
 
@@ -334,7 +344,7 @@ def _look_at(
     )
     if nearer_anywhere < left:  # there are too many such swaps to look at
         for at in range(len(nearest)):
-            nearest[at] = at
+            nearest[at] = at + SEEN
         return
     targets = goal_tracks(task, free)
     look(
@@ -351,4 +361,4 @@ def _nothing_nearer(
     task: Task, states: States, number: int, left: int, at: int
 ) -> bool:  # pragma: no cover - compiled
     """Return whether no swap brings a state nearer, as `_extra_ndeg` has found."""
-    return left == 0 or is_any(task.goal) or states.nearest[number, at] != at
+    return left == 0 or is_any(task.goal) or states.nearest[number, at] != at + SEEN

@@ -12,9 +12,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from microhand_planner.core.decomposition import PlanarRotation
+from microhand_planner.core.interruption import uninterrupted
 from microhand_planner.core.offset_curve import OffsetCurve
 from microhand_planner.core.parameters import ContactLaw, Finger, Mode, SearchOptions
 from microhand_planner.core.part import Part
@@ -122,9 +121,7 @@ def _row(
     joints = (0.0, curve.phase_of_joint_j)
     begin = joints if rotation > 0 else None
     end = joints if rotation < len(_AXES) - 1 else None
-    problem = Problem(
-        finger, law, SearchOptions(mode=Mode.PAPER), clock, np.zeros(1, dtype=np.int64)
-    )
+    problem = Problem(finger, law, SearchOptions(mode=Mode.PAPER), clock, uninterrupted())
     plan_planar_rotation(part, curve, problem, begin, end)
     started = clock()
     planned, expanded = plan_planar_rotation(part, curve, problem, begin, end)

@@ -25,7 +25,7 @@ from microhand_station.cli.answer import answer, json_option
 from microhand_station.cli.plan_result import PLAN_KEYS, plan_result, show_plan, show_prices
 from microhand_station.cli.request import Request, request_from, request_options
 from microhand_station.cli.row_progress import collected
-from microhand_station.cli.spinner import interruptible, spinner
+from microhand_station.cli.spinner import interruptible, searching, spinner
 from microhand_station.contact_config import STIFFNESS_N_PER_M
 
 
@@ -93,7 +93,8 @@ def plan(
             say(f'cutting the sections of {part.name}')
             geometry = section_curves(part, request.finger)
             say('searching')
-            found = _attempt(lambda: _planned(geometry, request, request.rules, tips_um))
+            tell = searching(say)
+            found = _attempt(lambda: _planned(geometry, request, request.rules, tips_um, tell))
         planning_s = time.monotonic() - began_s
         if with_price:
             known['price_of_margin'] = _prices(geometry, request, tips_um, as_json)
@@ -109,7 +110,11 @@ def plan(
 
 
 def _planned(
-    geometry: SectionCurves, request: Request, rules: GripRules, tips_um: FloatArray | None
+    geometry: SectionCurves,
+    request: Request,
+    rules: GripRules,
+    tips_um: FloatArray | None,
+    progress: Callable[[int], None] | None = None,
 ) -> Plan:
     """Plan, until the user interrupts."""
     return interruptible(
@@ -124,6 +129,7 @@ def _planned(
             start_tip_um=tips_um,
             decomposition=request.rotations,
             cancelled=stop,
+            progress=progress,
         )
     )
 

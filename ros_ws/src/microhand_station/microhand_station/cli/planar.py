@@ -18,7 +18,7 @@ from microhand_planner.core.planar import PlanarAnswer, solve_planar
 from microhand_planner.core.planar_problem import PlanarProblem, problem_from_dict
 from microhand_planner.core.search_result import Outcome
 from microhand_station.cli.answer import answer, json_option
-from microhand_station.cli.spinner import interruptible, spinner
+from microhand_station.cli.spinner import interruptible, searching, spinner
 
 KEYS = ('cost_deg', 'reconfigurations', 'path', 'expanded', 'time_s')
 
@@ -60,7 +60,7 @@ def _solve(path: Path, as_json: bool) -> dict[str, Any]:
     began_s = time.monotonic()
     with spinner(as_json) as say:
         say('searching')
-        found = interruptible(lambda stop: _searched(problem, stop))
+        found = interruptible(lambda stop: _searched(problem, stop, searching(say)))
     if found.outcome is not Outcome.FOUND:
         raise NoPlanExists(
             f'no path exists: all {found.expanded} states that can be reached were searched',
@@ -75,9 +75,11 @@ def _solve(path: Path, as_json: bool) -> dict[str, Any]:
     }
 
 
-def _searched(problem: PlanarProblem, stop: Callable[[], bool]) -> PlanarAnswer:
+def _searched(
+    problem: PlanarProblem, stop: Callable[[], bool], progress: Callable[[int], None]
+) -> PlanarAnswer:
     """Search until the user interrupts."""
-    with interruption(None, stop, time.monotonic) as flag:
+    with interruption(None, stop, time.monotonic, progress) as flag:
         return solve_planar(problem, flag)
 
 

@@ -44,6 +44,25 @@ def spinner(as_json: bool) -> Iterator[Callable[[str], None]]:
         yield tell
 
 
+def searching(say: Callable[[str], None]) -> Callable[[int], None]:
+    """Return a callable that takes the states that a search has expanded, and shows them.
+
+    Parameters
+    ----------
+    say : callable
+        From `spinner`.
+    """
+    shown = 0
+
+    def tell(expanded: int) -> None:
+        nonlocal shown
+        if expanded != shown:
+            shown = expanded
+            say(f'searching: {expanded:,} states expanded'.replace(',', ' '))
+
+    return tell
+
+
 def interruptible(work: Callable[[Callable[[], bool]], Result]) -> Result:
     """Do work in a thread, so that Ctrl-C is heard while compiled code runs.
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: the answer is a plan, 'no plan', or one line that names the field at fault."""
 
-import itertools
 import math
 from types import MappingProxyType
 
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.errors import BadRequest, MicrohandError, NoPlan
 from microhand_planner.core.force_check import check_forces
-from microhand_planner.core.interruption import interruption
 from microhand_planner.core.offset_curve import offset_curve
 from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
 from microhand_planner.core.plan_check import check_plan
@@ -153,14 +151,12 @@ json_values = json_scalars | st.lists(json_scalars, max_size=5) | st.just({}) | 
 
 
 def answered(content):
-    """Solve a problem if it is one; cut the search off after a while."""
-    calls = itertools.count()
+    """Solve a problem if it is a small one."""
     problem = problem_from_dict(content)
     if problem.contacts > 100 or problem.orientations > 100:
         return None
-    with interruption(None, lambda: next(calls) > 20, lambda: 0.0) as flag:
-        answer = solve_planar(problem, flag)
-    assert answer.outcome in (Outcome.FOUND, Outcome.NO_PATH, Outcome.CANCELLED)
+    answer = solve_planar(problem)
+    assert answer.outcome in (Outcome.FOUND, Outcome.NO_PATH)
     assert (answer.outcome is Outcome.FOUND) == bool(answer.path)
     return answer
 
@@ -254,7 +250,7 @@ def geometry_for(finger):
 
 RANGES = {
     'radius_um': (1.0, 20.0), 'clearance_um': (0.0, 5.0), 'friction': (0.05, 1.5),
-    'pull_off_uN': (0.1, 5.0), 'max_force_uN': (0.1, 50.0), 'step_deg': (5.0, 90.0),
+    'pull_off_uN': (0.1, 5.0), 'max_force_uN': (0.1, 50.0), 'step_deg': (12.0, 90.0),
     'margin': (0.3, 1.0), 'roll': (0.1, 1.0), 'least_uN': (1e-3, 0.3), 'grip_uN': (0.1, 20.0),
     'off_uN': (1e-3, 1.0),
     **{f'{end}_{axis}': (-100.0, 100.0) for end in ('from', 'to') for axis in 'xyz'},
@@ -275,7 +271,6 @@ spoil = nothing | nothing | st.dictionaries(st.sampled_from(sorted(RANGES)), wei
 def test_requests_end_in_a_plan_or_in_words(request_, changes, adhesion, mode):
     """Numbers of any kind: a plan that passes the check, 'no plan', or the field at fault."""
     of = {**request_, **changes}
-    calls = itertools.count()
     try:
         finger = Finger(of['radius_um'], of['clearance_um'])
         start, goal = (
@@ -292,7 +287,6 @@ def test_requests_end_in_a_plan_or_in_words(request_, changes, adhesion, mode):
             ContactLaw(of['friction'], of['pull_off_uN'], of['max_force_uN'], adhesion),
             SearchOptions(math.radians(of['step_deg']), mode),
             GripRules(of['margin'], of['roll'], of['least_uN'], of['grip_uN'], of['off_uN']),
-            cancelled=lambda: next(calls) > 20,
         )
     except MicrohandError as error:
         spoken(error, FIELDS)
@@ -312,7 +306,7 @@ def test_requests_end_in_a_plan_or_in_words(request_, changes, adhesion, mode):
 )
 def test_start_grasps_end_in_a_plan_or_in_words(phases, order, axis, changes):
     """Tips on the object are where the plan begins; others are named; nothing else comes of it."""
-    finger, calls = Finger(), itertools.count()
+    finger = Finger()
     geometry = geometry_for(finger)
     curve = geometry.curves[axis]
     tips_um = np.full((3, 3), math.nan)
@@ -329,7 +323,6 @@ def test_start_grasps_end_in_a_plan_or_in_words(phases, order, axis, changes):
             ContactLaw(friction=0.5),
             SearchOptions(),
             start_tip_um=tips_um,
-            cancelled=lambda: next(calls) > 20,
         )
     except MicrohandError as error:
         spoken(error, {'start-tips'})

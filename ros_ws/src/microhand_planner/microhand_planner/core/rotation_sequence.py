@@ -113,8 +113,8 @@ def cheapest_sequence(
     if not best:
         raise NoPlanExists(
             'no plan exists: the search was exhaustive, and no sequence of grasps brings the '
-            f'object to the goal (last tried: {_spoken(failed)}); a smaller step, more friction '
-            'or a free start may help',
+            f'object to the goal (last tried: {_spoken(failed)}); '
+            f'{_advice(problem, start)} may help',
             expanded,
         )
     if start is not None:
@@ -186,6 +186,16 @@ def _fingers_on_joints(planned: PlannedRotation, *, last: bool) -> tuple[int, in
         for phase in (0.0, planned.curve.phase_of_joint_j)
     )
     return on_i, on_j, 3 - on_i - on_j
+
+
+def _advice(problem: Problem, start: StartGrasp | None) -> str:
+    """Return what else a request may ask for."""
+    advice = ['a smaller step', 'more friction']
+    if problem.rules is not None and problem.law.stick_uN > 0.0:
+        advice.append('less margin')
+    if start is not None:
+        advice.append('a free start')
+    return ', '.join(advice[:-1]) + f' or {advice[-1]}'
 
 
 def _spoken(part: PlanarRotation | None) -> str:

@@ -68,7 +68,9 @@ def show_plan(console: Console, result: dict[str, Any]) -> None:
         soft_wrap=True,
     )
     tightest = result['tightest']
-    if tightest is None:
+    if tightest is None and result['cost_deg'] == 0.0:
+        console.print('no grips to plan: the fingers take hold, and nothing turns')
+    elif tightest is None:
         console.print('grips were not planned: paper mode leaves forces open')
     else:
         console.print(

@@ -190,7 +190,7 @@ def rows_at(times_s):
     return np.clip(np.searchsorted(truth().time_s, times_s + 1e-9, side='right') - 1, 0, None)
 
 
-def write(path, *, deviations=True, lost_at_s=None, end='complete', chosen=None):
+def write(path, *, deviations=True, lost_at_s=None, end='complete', chosen=None, also=None):
     """Write the record of the run; return its path.
 
     Parameters
@@ -205,6 +205,8 @@ def write(path, *, deviations=True, lost_at_s=None, end='complete', chosen=None)
         How the recorder closed the file; None: it did not.
     chosen : callable, optional
         Says by name which topics are recorded.
+    also : callable, optional
+        Writes more into the record.
     """
     note = {'station': config().to_dict(), 'request': {'asked by': 'a <b>test</b>'}}
     writer = RunWriter(
@@ -219,6 +221,8 @@ def write(path, *, deviations=True, lost_at_s=None, end='complete', chosen=None)
     for topic, kind in NAMES.items():
         name = f'microhand_msgs_py/msg/{kind.__name__}'
         writer.add_topic(topic, name, _schema(name), '')
+    if also is not None:
+        also(writer)
     stop_s = math.inf if lost_at_s is None else lost_at_s + 0.5
     for topic, seconds, cdr in _serialized(deviations, lost_at_s):
         if seconds <= stop_s and (chosen is None or chosen(topic)):

@@ -8,11 +8,14 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from microhand_planner.core.errors import BadRequest
+from microhand_planner.core.catalogue import find_mesh_file
+from microhand_planner.core.errors import BadRequest, UnknownObject
+from microhand_station.analysis import object_mesh as object_mesh_module
 from microhand_station.analysis.object_mesh import ObjectMesh, simplified
 from microhand_station.analysis.report import write_report
 from microhand_station.analysis.run import Run
 from microhand_station.analysis.thinned import thinned
+from microhand_station.recording.run_writer import PARAMETERS_METADATA, VERSIONS_METADATA
 
 SIZES = {'desktop': (1440, 900), 'phone': (390, 844)}
 MOST_BYTES = 4_000_000
@@ -96,15 +99,28 @@ def pages(opened, page_of_run):
     }
 
 
-@pytest.fixture(params=SIZES)
-def page(pages, request):
-    """Return one of the pages, as it was in the beginning; it must not have complained since."""
-    page = pages[request.param]
+def as_at_first(page):
+    """Have a page stand at the beginning, whatever was done with it before."""
     page.evaluate(
         "if (document.querySelector('#play.playing')) document.getElementById('play').click()"
     )
     page.select_option('#speed', '1')
     move_slider(page, 0.0)
+    return page
+
+
+@pytest.fixture(params=SIZES)
+def page(pages, request):
+    """Return one of the pages, as it was in the beginning; it must not have complained since."""
+    page = as_at_first(pages[request.param])
+    yield page
+    assert page.troubles == []
+
+
+@pytest.fixture
+def desktop(pages):
+    """Return the page on a desktop, as it was in the beginning."""
+    page = as_at_first(pages['desktop'])
     yield page
     assert page.troubles == []
 
@@ -183,9 +199,9 @@ def test_play_runs_and_pauses(page):
     wait_until(page, "parseFloat(document.getElementById('clock').textContent) < 9")
 
 
-def test_scene_is_turned_and_zoomed_with_the_mouse(pages):
+def test_scene_is_turned_and_zoomed_with_the_mouse(desktop):
     """Dragging turns, the wheel zooms, the button turns the view back."""
-    page = pages['desktop']
+    page = desktop
     page.locator('#scene').scroll_into_view_if_needed()
     first = picture(page)
     box = page.locator('#scene').bounding_box()
@@ -200,12 +216,11 @@ def test_scene_is_turned_and_zoomed_with_the_mouse(pages):
     assert picture(page) not in (first, turned)
     page.click('#reset-view')
     assert picture(page) == first
-    assert page.troubles == []
 
 
-def test_plots_are_zoomed_together_and_lead_to_their_times(pages):
+def test_plots_are_zoomed_together_and_lead_to_their_times(desktop):
     """A drag zooms all plots, a click goes there, the button shows the whole run again."""
-    page = pages['desktop']
+    page = desktop
     over = page.locator('#plot-grip .u-over')
     over.scroll_into_view_if_needed()
     box = over.bounding_box()
@@ -222,7 +237,6 @@ def test_plots_are_zoomed_together_and_lead_to_their_times(pages):
     assert page.locator('#plot-tracking canvas').evaluate('canvas => canvas.toDataURL()') != whole
     page.click('#whole-run')
     wait_until(page, "document.getElementById('whole-run').disabled")
-    assert page.troubles == []
 
 
 def test_tables_lead_to_moments(page, record):
@@ -294,6 +308,30 @@ def test_page_that_cannot_be_written_is_one_clear_line(record, tmp_path):
     """A folder that is not there is named."""
     with pytest.raises(BadRequest, match=r'report is .*none/r.html; allowed: a file that can'):
         write_report(Run.open(record), tmp_path / 'none' / 'r.html')
+
+
+def test_a_record_explains_itself(made, folder, monkeypatch):
+    """The mesh is that of the record, not of the catalogue; the page tells all that was noted."""
+
+    def no_catalogue(name):
+        raise UnknownObject('object', name, 'nothing')
+
+    monkeypatch.setattr(object_mesh_module, 'find_part', no_catalogue)
+
+    def also(writer):
+        writer.note(PARAMETERS_METADATA, {'/twin': '{"friction": 0.31415}', '/view': 'damaged'})
+        writer.note(VERSIONS_METADATA, {'mujoco': '3.14.15'})
+        writer.attach('part.stl', 'model/stl', find_mesh_file('ellipsoid').read_bytes(), 5)
+
+    assert Run.open(made.write(folder / 'without.mcap')).mesh is None
+    run = Run.open(made.write(folder / 'explained.mcap', also=also))
+    assert run.mesh.proven
+    assert run.parameters == {'/twin': {'friction': 0.31415}}
+    write_report(run, folder / 'explained.html')
+    page = Texts(folder / 'explained.html')
+    shown = ' '.join(page.texts)
+    for text in ('0.31415', '3.14.15', 'a <b>test</b>', 'Parameters of 1 nodes'):
+        assert text in shown
 
 
 def test_thinned_lines_keep_their_extremes_and_gaps():

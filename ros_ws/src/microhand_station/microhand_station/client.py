@@ -154,6 +154,7 @@ class StationClient:
         options: SearchOptions | None = None,
         rules: GripRules | None = None,
         start_tip_um: FloatArray | None = None,
+        words: str = '',
     ) -> PlanAnswer:
         """Have a reorientation planned; nothing moves.
 
@@ -169,6 +170,8 @@ class StationClient:
             Default: those of the classes.
         start_tip_um : (3, 3) float, optional
             Tip centres of fingers that hold the object now, station frame [µm]; NaN: free.
+        words : str
+            The rotation as a person asked for it, for the record: angles have many names.
 
         Raises
         ------
@@ -191,7 +194,8 @@ class StationClient:
         answer = self._result(future, self._plan.service_is_ready, 'planner')
         if answer.error_code:
             raise StationError(answer.error_msg, answer.error_code)
-        self._requests[answer.plan.plan_hash] = json.dumps(message_note(request))
+        noted = {**message_note(request), **({'words': words} if words else {})}
+        self._requests[answer.plan.plan_hash] = json.dumps(noted)
         return PlanAnswer(plan_from_msg(answer.plan), answer.planning_time, answer.goal_error)
 
     def execute(

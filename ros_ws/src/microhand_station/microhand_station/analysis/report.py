@@ -10,11 +10,11 @@ from pathlib import Path
 from microhand_planner.core.errors import BadRequest
 from microhand_station.analysis.findings import Findings, findings
 from microhand_station.analysis.report_data import report_data
+from microhand_station.analysis.report_origin import origin
 from microhand_station.analysis.report_text import (
     cards,
     comparison,
     events_table,
-    facts,
     heading,
     notices,
     steps_table,
@@ -61,9 +61,6 @@ def _page(run: Run, found: Findings, other: Run | None) -> str:
     data = report_data(run, found, other)
     scripts = '\n'.join(_asset(name) for name in _SCRIPTS)
     title = escape(f'Run {run.name}')
-    details = ''.join(
-        f'<dt>{escape(name)}</dt><dd>{escape(value)}</dd>' for name, value in facts(run).items()
-    )
     beside = '' if other is None else comparison(run, found, other, findings(other))
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -88,7 +85,7 @@ def _page(run: Run, found: Findings, other: Run | None) -> str:
 <section><h2>Events</h2>
 {events_table(run)}</section>
 </main>
-<footer><details><summary>About this record</summary><dl>{details}</dl></details>
+<footer>{origin(run)}
 <details><summary>Licences of what draws this page</summary><pre>{escape(_asset('LICENSES'))}</pre>
 </details></footer>
 <script type="application/json" id="data">{data}</script>

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
 from microhand_planner.core.plan import Plan
-from microhand_planner.core.pose import Pose
 from microhand_station.analysis.findings import Findings, Worst
 from microhand_station.analysis.report_data import other_name
+from microhand_station.analysis.request_text import pose_text, requested
 from microhand_station.analysis.run import Run
 
 NONE = '–'
@@ -111,7 +111,7 @@ def steps_table(found: Findings, plan: Plan | None) -> str:
             number(step.friction_use, 0, 100.0),
             number(step.skew_s, 2, 1e3),
         )
-        name = f'{step.number + 1}&ensp;{escape(step.what)}'
+        name = f'{step.number + 1}&ensp;{escape(_signed(step.what))}'
         if step.begin_s is None or step.duration_s is None:
             label, span = f'{name} <span class="dim">not reached</span>', ''
         else:
@@ -213,7 +213,7 @@ def _compared(
 
 def _asked(run: Run) -> list[tuple[str, str]]:
     plan = run.plan
-    asked = [(str(key).replace('_', ' '), str(value)) for key, value in run.note.request.items()]
+    asked = requested(run.note.request)
     if plan is None:
         return asked or [('request', 'not in the record')]
     law = plan.law
@@ -221,17 +221,24 @@ def _asked(run: Run) -> list[tuple[str, str]]:
     return [
         ('object', plan.object_name),
         *asked,
-        ('from', _pose(plan.start)),
-        ('to', _pose(plan.goal)),
+        ('from', pose_text(plan.start)),
+        ('to', pose_text(plan.goal)),
         ('contacts', f'friction {law.friction:g}{stick}, up to {law.max_force_uN:g} µN'),
         ('tips', f'spheres of {plan.finger.radius_um:g} µm'),
+        (
+            'search',
+            f'{plan.options.mode.value}, regrasps every {math.degrees(plan.options.step_rad):g}°',
+        ),
     ]
 
 
 def _planned(plan: Plan | None) -> list[tuple[str, str]]:
     if plan is None:
         return [('plan', 'not in the record')]
-    turns = ', '.join(f'{one.axis} {one.angle_deg:+.4g}°' for one in plan.rotations) or 'none'
+    turns = (
+        ', '.join(f'{one.axis} {_signed(f"{one.angle_deg:+.4g}")}°' for one in plan.rotations)
+        or 'none'
+    )
     pairs = [
         ('rotations', turns),
         ('steps', str(len(plan.steps))),
@@ -249,7 +256,13 @@ def _worst_list(found: Findings) -> str:
     rows = [
         ('Object off its plan', found.object_error_deg, '{:.2f}°'),
         ('Friction in use', found.friction_use, '{:.0%}'),
-        ('Grip to the edge of its window', found.room_uN, '{:.2f} µN'),
+        (
+            'Grip outside its window'
+            if found.room_uN is not None and found.room_uN.value < 0.0
+            else 'Grip to the edge of its window',
+            found.room_uN,
+            '{:.2f} µN',
+        ),
     ]
     items = [_jump(label, value, form, found) for label, value, form in rows]
     finger, error = worst
@@ -272,14 +285,23 @@ def _jump(label: str, worst: Worst | None, form: str, found: Findings) -> str:
         return ''
     of = f'finger {worst.finger}, ' if worst.finger else ''
     step = (
-        '' if worst.step is None else f', step {worst.step + 1} ({found.steps[worst.step].what})'
+        ''
+        if worst.step is None
+        else f', step {worst.step + 1} ({found.steps[worst.step].what.replace("-", MINUS)})'
     )
-    value = form.format(worst.value).replace('-', MINUS)
+    # a grip outside its window has less than no room
+    mark = ' class="warn"' if worst.value < 0.0 else ''
+    value = form.format(abs(worst.value))
     return (
-        f'<li><button data-time="{worst.time_s:.4f}"><b>{value}</b>'
+        f'<li><button data-time="{worst.time_s:.4f}"><b{mark}>{value}</b>'
         f'<span>{label}</span><span class="dim">{of}{worst.time_s:.1f} s{escape(step)}</span>'
         '</button></li>'
     )
+
+
+def _signed(text: str) -> str:
+    """Return a text with real minus signs."""
+    return text.replace('-', MINUS)
 
 
 def _step_of(found: Findings, time_s: float) -> int | None:
@@ -297,17 +319,6 @@ def _last_step(found: Findings) -> int | None:
 
 def _in_step(found: Findings, step: int | None) -> str:
     return '' if step is None else f', in step {step + 1} ({found.steps[step].what})'
-
-
-def _pose(pose: Pose) -> str:
-    """Return a pose as people read it: angles of ZYZ, and the place unless it is the origin."""
-    turn = pose.rotation
-    if turn.magnitude() < 1e-9:
-        text = 'not turned'
-    else:
-        text = 'ZYZ {:.4g}° {:.4g}° {:.4g}°'.format(*turn.as_euler('ZYZ', degrees=True))
-    x, y, z = pose.position_um
-    return text if x == y == z == 0.0 else f'{text}, at {x:g} {y:g} {z:g} µm'
 
 
 def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
@@ -329,15 +340,3 @@ def _table(head: Sequence[tuple[str, str]], rows: Sequence[str], kind: str) -> s
 
 def _yes(value: bool | None) -> str:
     return NONE if value is None else 'yes' if value else 'no'
-
-
-def facts(run: Run) -> Mapping[str, str]:
-    """Return where the figures come from: file, plan, versions."""
-    said = {
-        'record': str(run.path),
-        'plan': run.metadata.get('plan_hash', ''),
-        'microhand': run.metadata.get('microhand_station', ''),
-        'recorded on Python': run.metadata.get('python', ''),
-        'messages': f'{sum(run.counts.values())} in {len(run.counts)} topics',
-    }
-    return {name: value for name, value in said.items() if value}

@@ -92,6 +92,7 @@ def _run(request: Request, choice: StationChoice, as_json: bool, known: dict[str
                 law=request.law,
                 options=request.options,
                 rules=request.rules,
+                words=request.words,
             )
             write_plan(found.plan, choice.folder / 'plan.json')
             goal_error_deg = math.degrees(found.goal_error_rad)

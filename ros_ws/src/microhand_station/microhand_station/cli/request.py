@@ -34,6 +34,8 @@ class Request:
         Length of one unit of the mesh [µm]; None: the catalogue's, or 1 µm.
     goal : Pose
         Where the object shall be; it starts at the station's origin.
+    words : str
+        The rotation as it was asked for.
     rotations : tuple of PlanarRotation or None
         What the goal is to be made of; None: the planner chooses.
     finger, law, options, rules
@@ -43,6 +45,7 @@ class Request:
     object_name: str
     unit_um: float | None
     goal: Pose
+    words: str
     rotations: tuple[PlanarRotation, ...] | None
     finger: Finger
     law: ContactLaw
@@ -218,12 +221,15 @@ def request_from(
         if not all(math.isfinite(angle) for angle in angles_deg):
             raise InvalidNumber('euler-zyz', angles_deg, 'three finite numbers')
         goal = Pose.of(translation_um, Rotation.from_euler('ZYZ', angles_deg, degrees=True))
+        words = 'ZYZ {:g}° {:g}° {:g}°'.format(*angles_deg)
     else:
         goal = Pose(translation_um, quaternion)
+        words = 'quaternion {:g} {:g} {:g} {:g}'.format(*quaternion)
     return Request(
         object_name=object_name,
         unit_um=None if unit is None else UNITS_UM[unit],
         goal=goal,
+        words=words,
         rotations=_as_given(euler_zyz) if mode == Mode.PAPER.value and euler_zyz else None,
         finger=Finger(
             finger_radius_um, _CLEARANCE_UM[mode] if clearance_um is None else clearance_um

@@ -84,6 +84,8 @@ class Request:
         Object in the station frame.
     start_tip_um : (3, 3) float or None
         Tips that hold it at the start; None: it is put there, and grasped.
+    words : str
+        The rotation as it was asked for.
     """
 
     object_name: str
@@ -91,6 +93,7 @@ class Request:
     start: Pose
     goal: Pose
     start_tip_um: FloatArray | None
+    words: str = ''
 
 
 def to_request(values: FormValues, sha256: str, held: Held | None) -> Request:
@@ -134,6 +137,9 @@ def to_request(values: FormValues, sha256: str, held: Held | None) -> Request:
         start=start,
         goal=Pose.of(np.asarray(start.position_um) + shift_um, start.rotation * turn),
         start_tip_um=start_tip_um,
+        words='quaternion {:g} {:g} {:g} {:g}'.format(*values.quaternion_wxyz)
+        if values.by_quaternion
+        else 'ZYZ {:g}° {:g}° {:g}°'.format(*values.euler_zyz_deg),
     )
 
 

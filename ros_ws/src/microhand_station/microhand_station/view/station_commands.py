@@ -76,6 +76,7 @@ class StationCommands:
             unit_um=request.unit_um,
             options=SearchOptions(time_limit_s=SEARCH_LIMIT_S),
             start_tip_um=request.start_tip_um,
+            words=request.words,
         )
 
     def execute(self, plan: Plan, request: Request) -> ExecutionResult:

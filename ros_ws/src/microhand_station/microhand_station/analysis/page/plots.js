@@ -27,6 +27,26 @@ function valueAt(line, time) {
   return at < 0 || time - line.time[at] > 0.5 ? NaN : line.values[at];
 }
 
+// As many decimals as the range of a plot deserves: four digits of its largest value.
+function decimalsOf(described) {
+  let largest = 0;
+  for (const line of described.lines) for (const value of line.values) if (Math.abs(value) > largest) largest = Math.abs(value);
+  return largest > 0 ? Math.min(Math.max(3 - Math.floor(Math.log10(largest)), 0), 4) : 0;
+}
+
+function drawEvents(chart) {
+  const { ctx, bbox } = chart;
+  ctx.save();
+  for (const event of run.events) {
+    const at = chart.valToPos(event.time, 'x', true);
+    if (at < bbox.left || at > bbox.left + bbox.width) continue;
+    const height = event.bad ? bbox.height : 6 * devicePixelRatio;
+    ctx.fillStyle = event.bad ? colourOf('bad') : `${colourOf('dim')}99`;
+    ctx.fillRect(Math.round(at), bbox.top + bbox.height - height, Math.max(devicePixelRatio, 1), height);
+  }
+  ctx.restore();
+}
+
 function zoomTo(begin, end) {
   const whole = begin <= 0 && end >= run.duration;
   element('whole-run').disabled = whole;
@@ -36,6 +56,7 @@ function zoomTo(begin, end) {
 class Plot {
   constructor(described) {
     this.described = described;
+    this.decimals = decimalsOf(described);
     this.box = document.createElement('figure');
     this.box.className = 'plot';
     this.box.id = `plot-${described.id}`;
@@ -78,6 +99,7 @@ class Plot {
       series: [{}, ...described.lines.map(seriesOf)],
       bands: low < 0 ? [] : [{ series: [low + 2, low + 1], fill: `${colourOf('window')}30` }],
       hooks: {
+        drawClear: [drawEvents],
         setSelect: [(chart) => {
           const { left, width } = chart.select;
           if (width > 8) zoomTo(chart.posToVal(left, 'x'), chart.posToVal(left + width, 'x'));
@@ -110,7 +132,8 @@ class Plot {
     this.mark(time);
     this.described.lines.forEach((line, i) => {
       const value = valueAt(line, time);
-      this.values[i].textContent = Number.isFinite(value) ? value.toPrecision(3) : '–';
+      this.values[i].textContent = Number.isFinite(value)
+        ? (value.toFixed(this.decimals).replace(/^-(0(\.0+)?)$/, '$1')).replace('-', '\u2212') : '–';
     });
   }
 }

@@ -7,6 +7,7 @@ import pytest
 from mcap.writer import Writer
 
 from microhand_station.cli.app import main
+from microhand_station.recording.recover import recover
 
 
 def foreign(path):
@@ -86,17 +87,20 @@ def test_a_record_cut_anywhere_gives_a_page_or_a_line(record, tmp_path, capsys):
 
 
 def test_damaged_records_never_end_in_a_traceback(record, tmp_path, capsys):
-    """Random bytes flipped (seed 5), also in definitions and in the plan: a page, or one line."""
+    """Random bytes flipped (seed 5), also in definitions, plan and chunks: a page, or one line."""
     data = record.read_bytes()
     # the definitions, the plan, and some of each topic: what is damaged counts, not how much
-    data = data[: len(data) // 4]
+    cut, packed = tmp_path / 'cut.mcap', tmp_path / 'packed.mcap'
+    cut.write_bytes(data[: len(data) // 4])
+    recover(cut, packed)
     draw = random.Random(5)
     bad, page = tmp_path / 'bad.mcap', tmp_path / 'bad.html'
     pages = 0
     for round_ in range(16):
-        damaged = bytearray(data)
+        damaged = bytearray((packed if round_ % 4 == 3 else cut).read_bytes())
+        last = len(damaged) if round_ % 2 else 60_000
         for _ in range(draw.choice((1, 20, 300))):
-            damaged[draw.randrange(8, len(data) if round_ % 2 else 60_000)] = draw.randrange(256)
+            damaged[draw.randrange(8, last)] = draw.randrange(256)
         bad.write_bytes(damaged)
         status = main(['analyze', str(bad), '-o', str(page)])
         error = capsys.readouterr().err

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 
 from microhand_planner.core.errors import BadRequest
@@ -15,6 +17,8 @@ from microhand_station.analysis.message_decoder import RecordedTopic
 from microhand_station.recording.ros2msg_schema import ros2msg_schema
 from microhand_station.replay.offered_qos import offered_qos
 from microhand_station.replay.stamps import StampShift
+
+_TYPE_NAME = re.compile(r'[a-z]\w*/msg/[A-Z]\w*', re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,11 @@ def replayed_topics(
             left_out[topic.name] = str(error.args[0])
             continue
         name = f'/{namespace.strip("/")}{topic.name}' if namespace else topic.name
-        publisher = node.create_publisher(message_type, name, offered_qos(topic.offered_qos))
+        try:
+            publisher = node.create_publisher(message_type, name, offered_qos(topic.offered_qos))
+        except InvalidTopicNameException:
+            left_out[topic.name] = 'no topic of ROS can have this name'
+            continue
         replayed[topic.name] = Replayed(name, publisher, StampShift(message_type))
     return replayed, left_out
 
@@ -108,6 +116,8 @@ def _message_type(topic: RecordedTopic) -> Any:
     """
     package, _, name = topic.type_name.partition('/msg/')
     try:
+        if not _TYPE_NAME.fullmatch(topic.type_name):
+            raise LookupError('a damaged name')
         message_type = getattr(importlib.import_module(f'{package}.msg'), name)
         installed = ros2msg_schema(topic.type_name)
     except (ImportError, AttributeError, LookupError, ValueError) as error:

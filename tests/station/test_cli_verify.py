@@ -3,6 +3,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import imageio_ffmpeg
@@ -134,6 +135,18 @@ def test_a_plan_that_contradicts_itself_is_refused(run, plan, plan_file):
     status, _, err = run(plan_file)
     assert status == 2
     assert f'step {len(plan.steps) - 1}' in one_line(err)
+
+
+def test_a_plan_that_presses_too_hard_is_refused(run, plan, plan_file):
+    """Edited with its hash, a grip that pushes the object out is refused, and never simulated."""
+    steps = [
+        step if step.force_uN is None else replace(step, force_uN=6.0 * step.force_uN)
+        for step in plan.steps
+    ]
+    write_plan(replace(plan, steps=tuple(steps)), plan_file)
+    status, out, err = run(plan_file)
+    assert (status, out) == (2, '')
+    assert re.match(r'microhand: .*step \d+ \(\w+\)', one_line(err))
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.errors import RunFailed
+from microhand_planner.core.force_check import check_forces
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.plan_check import check_plan
 from microhand_planner.core.plan_file import plan_hash, read_plan
@@ -135,6 +136,7 @@ def _run(
     """Read and check the plan, run it, draw what is asked for."""
     plan = read_plan(plan_file)
     check_plan(plan)
+    check_forces(plan)
     law = replace(
         plan.law,
         friction=plan.law.friction if friction is None else friction,

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from microhand_planner.core.analytic_sections import ellipse_section
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.offset_curve import offset_curve
-from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
+from microhand_planner.core.parameters import ROBUST_RULES, ContactLaw, Finger, SearchOptions
 from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import Pose
 from microhand_planner.core.preload import preload_window_uN
@@ -31,10 +31,13 @@ from microhand_planner.core.section_curves import section_curves
 from microhand_planner.evaluation.price_of_margin import price_of_margin
 from microhand_planner.evaluation.table3 import CONTACTS, ELLIPSE_UM
 
-LAW, RULES = ContactLaw(), GripRules()
+LAW, RULES = ContactLaw(), ROBUST_RULES[0]
 FACTORS = (1.0, 0.9, 0.8, 0.7, 0.6)
 LEAST = f'm* >= {RULES.least_margin_uN:g} µN at {RULES.margin_factor:g} µ'
-DEFAULT = f'{LEAST}, for grips off by {RULES.grip_tolerance_uN:g} µN'
+TOLERANT = {
+    rules: f'{LEAST}, for grips off by {rules.grip_tolerance_uN:g} µN'
+    for rules in reversed(ROBUST_RULES)
+}
 OBJECTS = ('ellipsoid', 'convex', 'concave')
 
 
@@ -53,7 +56,7 @@ def removals() -> list[dict[str, object]]:
     by_rule: dict[str, list[bool]] = {'Eq. 4': []}
     for factor in FACTORS:
         by_rule[f'm* >= 0 at {factor:g} µ'] = []
-    by_rule |= {LEAST: [], DEFAULT: []}
+    by_rule |= {LEAST: [], **{rule: [] for rule in TOLERANT.values()}}
     for one, other, leave in triples:
         stay = [one, other]
         case = (at.contact_um[stay], at.normal[stay], at.contact_um[leave], at.normal[leave])
@@ -66,7 +69,8 @@ def removals() -> list[dict[str, object]]:
             *case, RULES.margin_factor * LAW.friction, *force, RULES.least_margin_uN
         )
         by_rule[LEAST].append(low <= high)
-        by_rule[DEFAULT].append(high - low >= 2.0 * RULES.grip_tolerance_uN)
+        for rules, rule in TOLERANT.items():
+            by_rule[rule].append(high - low >= 2.0 * rules.grip_tolerance_uN)
     paper = np.array(by_rule['Eq. 4'])
     return [
         {
@@ -91,7 +95,7 @@ def prices(goals: int) -> list[dict[str, object]]:
                 lambda rules, goal=goal, geometry=geometry: plan_reorientation(
                     geometry, Pose(), goal, geometry.finger, LAW, SearchOptions(), rules
                 ),
-                RULES,
+                ROBUST_RULES,
                 [20.0] * 3,
                 FACTORS,
             )

@@ -19,7 +19,15 @@ from microhand_planner.core.errors import (
     InvalidPlan,
     InvalidRotation,
 )
-from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
+from microhand_planner.core.parameters import (
+    ROBUST_RULES,
+    ContactLaw,
+    Finger,
+    GripRules,
+    Mode,
+    SearchOptions,
+    firmest_first,
+)
 from microhand_planner.core.plan_file import plan_hash
 from microhand_planner.core.planner import plan_reorientation
 from microhand_planner.core.pose import Pose
@@ -101,13 +109,15 @@ def test_messages_are_in_si_and_quaternions_in_ros_order(plan):
 def test_zero_in_options_means_the_default():
     """An empty options message plans with the paper's numbers."""
     assert options_from_msg(PlanOptions()) == (Finger(), ContactLaw(), SearchOptions())
-    assert rules_from_msg(PlanOptions()) == GripRules()
+    assert rules_from_msg(PlanOptions()) == ROBUST_RULES
     paper = SearchOptions(mode=Mode.PAPER)
     law = ContactLaw(adhesion=False)
     rules = GripRules(0.7, 0.5, 0.01, 2.5, 0.1)
     message = options_to_msg(Finger(), law, paper, rules)
     assert options_from_msg(message) == (Finger(), law, paper)
-    assert rules_from_msg(message) == rules
+    assert rules_from_msg(message) == (rules,)
+    by_default = options_to_msg(Finger(), law, paper, firmest_first(rules))
+    assert rules_from_msg(by_default) == firmest_first(rules)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from microhand_planner.core.errors import RunFailed
-from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
+from microhand_planner.core.parameters import (
+    ROBUST_RULES,
+    ContactLaw,
+    Finger,
+    GripRules,
+    SearchOptions,
+)
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.pose import FloatArray, Pose
 from microhand_planner.ros.conversions import (
@@ -152,7 +158,7 @@ class StationClient:
         finger: Finger | None = None,
         law: ContactLaw | None = None,
         options: SearchOptions | None = None,
-        rules: GripRules | None = None,
+        rules: GripRules | Sequence[GripRules] = ROBUST_RULES,
         start_tip_um: FloatArray | None = None,
         words: str = '',
     ) -> PlanAnswer:
@@ -184,9 +190,7 @@ class StationClient:
             unit=unit_um / UM_PER_M,
             start_pose=pose_to_msg(start),
             goal_pose=pose_to_msg(goal),
-            options=options_to_msg(
-                finger or Finger(), law or ContactLaw(), options, rules or GripRules()
-            ),
+            options=options_to_msg(finger or Finger(), law or ContactLaw(), options, rules),
             start_tips=[] if start_tip_um is None else [point_from_um(t) for t in start_tip_um],
         )
         self._meet('planner', ANSWER_S)

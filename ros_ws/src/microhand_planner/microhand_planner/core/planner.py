@@ -4,16 +4,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from microhand_planner.core.decomposition import PlanarRotation, decompositions
-from microhand_planner.core.errors import InvalidRotation
+from microhand_planner.core.errors import InvalidParameter, InvalidRotation, NoPlan, NoPlanExists
 from microhand_planner.core.finger_motions import finger_motions
 from microhand_planner.core.grip_forces import GripForces
 from microhand_planner.core.interruption import interruption
-from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
+from microhand_planner.core.offset_curve import OffsetCurve
+from microhand_planner.core.parameters import (
+    ROBUST_RULES,
+    ContactLaw,
+    Finger,
+    GripRules,
+    Mode,
+    SearchOptions,
+)
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import Plan, RotationReport
 from microhand_planner.core.planned_rotation import PlannedRotation, Problem
@@ -21,7 +30,7 @@ from microhand_planner.core.pose import FloatArray, Pose, angle_between_rad
 from microhand_planner.core.rotation_sequence import cheapest_sequence
 from microhand_planner.core.search_state import NDEG
 from microhand_planner.core.section_curves import SectionCurves, section_curves
-from microhand_planner.core.start_grasp import start_grasp
+from microhand_planner.core.start_grasp import StartGrasp, start_grasp
 from microhand_planner.core.transfer import waiting_radius_um
 
 _SAME_ROTATION_RAD = 1e-9
@@ -34,7 +43,7 @@ def plan_reorientation(
     finger: Finger,
     law: ContactLaw,
     options: SearchOptions,
-    rules: GripRules = GripRules(),
+    rules: GripRules | Sequence[GripRules] = ROBUST_RULES,
     *,
     start_tip_um: FloatArray | None = None,
     decomposition: Sequence[PlanarRotation] | None = None,
@@ -57,8 +66,9 @@ def plan_reorientation(
         Friction and adhesion.
     options : SearchOptions
         Step, mode, time limit.
-    rules : GripRules
-        Margins that plans in robust mode keep.
+    rules : GripRules or sequence of GripRules
+        Margins that plans in robust mode keep. Of several, the first for which there is a plan;
+        the plan tells which.
     start_tip_um : (3, 3) float, optional
         Tip centres of the fingers that hold the object at the start, station frame [µm]; NaN for
         the free finger. By default the planner chooses the first grasp.
@@ -110,24 +120,24 @@ def plan_reorientation(
             )
     # no rotation at all is a rotation by zero: the object must be grasped all the same
     choices = tuple(choice or (PlanarRotation('z', 0.0),) for choice in choices)
-    margins = rules if options.mode is Mode.ROBUST else None
+    robust = options.mode is Mode.ROBUST
+    wanted = (rules,) if isinstance(rules, GripRules) else tuple(rules)
     held = None
     if start_tip_um is not None:
         held = start_grasp(start_tip_um, start, geometry.curves)
     with interruption(options.time_limit_s, cancelled, clock, progress) as interrupt:
-        sequence = cheapest_sequence(
-            choices,
-            geometry.curves,
-            Problem(finger, law, options, clock, interrupt, margins),
-            held,
-        )
+        problem = Problem(finger, law, options, clock, interrupt)
+        if robust:
+            sequence, kept = _firmest_sequence(choices, geometry.curves, problem, held, wanted)
+        else:
+            sequence, kept = cheapest_sequence(choices, geometry.curves, problem, held), wanted[-1]
 
     steps = finger_motions(
         sequence,
         start,
         goal,
         finger,
-        GripForces(law, rules, planned=margins is not None),
+        GripForces(law, kept, planned=robust),
         waiting_radius_um(geometry.bounding_radius_um, finger),
         geometry.touches,
         held=held is not None,
@@ -140,10 +150,29 @@ def plan_reorientation(
         finger=finger,
         law=law,
         options=options,
-        rules=rules,
+        rules=kept,
         steps=steps,
         rotations=tuple(_report(planned) for planned in sequence),
     )
+
+
+def _firmest_sequence(
+    choices: Sequence[Sequence[PlanarRotation]],
+    curves: Mapping[str, OffsetCurve],
+    problem: Problem,
+    held: StartGrasp | None,
+    wanted: Sequence[GripRules],
+) -> tuple[tuple[PlannedRotation, ...], GripRules]:
+    """Return the cheapest sequence by the first of several rules that allow one, and the rules."""
+    expanded = 0
+    for rules in wanted:
+        try:
+            return cheapest_sequence(choices, curves, replace(problem, rules=rules), held), rules
+        except NoPlan as error:
+            error.expanded = expanded = error.expanded + expanded
+            if rules is wanted[-1] or not isinstance(error, NoPlanExists):
+                raise
+    raise InvalidParameter('rules', 'none', 'at least one')
 
 
 def goal_error_deg(plan: Plan) -> float:

@@ -44,8 +44,8 @@ class PriceRow:
 
 
 def price_of_margin(
-    planned: Callable[[GripRules], Plan],
-    rules: GripRules,
+    planned: Callable[[Sequence[GripRules]], Plan],
+    rules: Sequence[GripRules],
     stiffness_uN_per_um: Sequence[float],
     factors: Iterable[float] = FACTORS,
     pace: Pace | None = None,
@@ -55,8 +55,8 @@ def price_of_margin(
     Parameters
     ----------
     planned : callable
-        Plans it by given rules.
-    rules : GripRules
+        Plans it by the first of given rules that allow a plan.
+    rules : sequence of GripRules
         All but the margin factor.
     stiffness_uN_per_um : sequence of 3 float
         Of the fingers [µN/µm, which is N/m]; how far commands go beyond the contacts.
@@ -72,7 +72,7 @@ def price_of_margin(
     """
     for factor in factors:
         try:
-            plan = planned(replace(rules, margin_factor=factor))
+            plan = planned([replace(one, margin_factor=factor) for one in rules])
         except NoPlanExists:
             yield PriceRow(factor)
         except TimeLimitReached:

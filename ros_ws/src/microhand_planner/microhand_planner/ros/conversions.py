@@ -18,7 +18,14 @@ from microhand_msgs_py.msg import PlanOptions, PlanStep, RotationStatistics
 
 from microhand_planner.core.errors import BadRequest, InvalidPlan, InvalidRotation
 from microhand_planner.core.hold import Hold
-from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
+from microhand_planner.core.parameters import (
+    ContactLaw,
+    Finger,
+    GripRules,
+    Mode,
+    SearchOptions,
+    firmest_first,
+)
 from microhand_planner.core.plan import (
     FINGERS,
     FORMAT_VERSION,
@@ -135,8 +142,8 @@ def options_from_msg(message: PlanOptions) -> tuple[Finger, ContactLaw, SearchOp
     )
 
 
-def rules_from_msg(message: PlanOptions) -> GripRules:
-    """Return the margins that a plan shall keep; 0 means the default of `parameters`.
+def rules_from_msg(message: PlanOptions) -> tuple[GripRules, ...]:
+    """Return the margins that a plan shall keep, one of several; 0 means the default.
 
     Raises
     ------
@@ -144,13 +151,14 @@ def rules_from_msg(message: PlanOptions) -> GripRules:
         A number outside its range.
     """
     rules = GripRules()
-    return GripRules(
+    asked = GripRules(
         margin_factor=message.margin_factor or rules.margin_factor,
         roll_factor=message.roll_factor or rules.roll_factor,
         least_margin_uN=_scaled(message.least_margin, UN_PER_N) or rules.least_margin_uN,
         nominal_grip_uN=_scaled(message.nominal_grip, UN_PER_N) or rules.nominal_grip_uN,
         grip_tolerance_uN=_scaled(message.grip_tolerance, UN_PER_N) or rules.grip_tolerance_uN,
     )
+    return (asked,) if message.grip_tolerance else firmest_first(asked)
 
 
 def _scaled(value: float, factor: float) -> float:
@@ -159,9 +167,10 @@ def _scaled(value: float, factor: float) -> float:
 
 
 def options_to_msg(
-    finger: Finger, law: ContactLaw, options: SearchOptions, rules: GripRules
+    finger: Finger, law: ContactLaw, options: SearchOptions, rules: GripRules | Sequence[GripRules]
 ) -> PlanOptions:
-    """Return the message of what the planner was told."""
+    """Return the message of what the planner was told, or is; several rules: by default."""
+    asked = rules if isinstance(rules, GripRules) else rules[0]
     return PlanOptions(
         mode=MODE_NUMBERS[options.mode],
         step=options.step_rad,
@@ -172,11 +181,11 @@ def options_to_msg(
         finger_radius=finger.radius_um / UM_PER_M,
         clearance=finger.clearance_um / UM_PER_M,
         time_limit=options.time_limit_s or 0.0,
-        margin_factor=rules.margin_factor,
-        roll_factor=rules.roll_factor,
-        least_margin=rules.least_margin_uN / UN_PER_N,
-        nominal_grip=rules.nominal_grip_uN / UN_PER_N,
-        grip_tolerance=rules.grip_tolerance_uN / UN_PER_N,
+        margin_factor=asked.margin_factor,
+        roll_factor=asked.roll_factor,
+        least_margin=asked.least_margin_uN / UN_PER_N,
+        nominal_grip=asked.nominal_grip_uN / UN_PER_N,
+        grip_tolerance=asked.grip_tolerance_uN / UN_PER_N if asked is rules else 0.0,
     )
 
 
@@ -222,7 +231,7 @@ def plan_from_msg(message: PlanMsg) -> Plan:
         finger=finger,
         law=law,
         options=options,
-        rules=rules_from_msg(message.options),
+        rules=rules_from_msg(message.options)[-1],
         steps=tuple(_step_from_msg(i, step) for i, step in enumerate(message.steps)),
         rotations=tuple(_rotation_from_msg(rotation) for rotation in message.rotations),
     )

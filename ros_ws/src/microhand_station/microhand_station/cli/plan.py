@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +112,7 @@ def plan(
 def _planned(
     geometry: SectionCurves,
     request: Request,
-    rules: GripRules,
+    rules: Sequence[GripRules],
     tips_um: FloatArray | None,
     progress: Callable[[int], None] | None = None,
 ) -> Plan:
@@ -146,7 +146,7 @@ def _prices(
     geometry: SectionCurves, request: Request, tips_um: FloatArray | None, as_json: bool
 ) -> list[dict[str, Any]]:
     """Return what other margins cost; that of the request is among them."""
-    factors = sorted({*FACTORS, request.rules.margin_factor}, reverse=True)
+    factors = sorted({*FACTORS, request.rules[0].margin_factor}, reverse=True)
     rows = price_of_margin(
         lambda rules: _planned(geometry, request, rules, tips_um),
         request.rules,

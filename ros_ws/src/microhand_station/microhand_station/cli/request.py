@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import click
@@ -13,7 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from microhand_planner.core.decomposition import PlanarRotation
 from microhand_planner.core.errors import BadRequest, InvalidNumber
-from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, Mode, SearchOptions
+from microhand_planner.core.parameters import (
+    ContactLaw,
+    Finger,
+    GripRules,
+    Mode,
+    SearchOptions,
+    firmest_first,
+)
 from microhand_planner.core.pose import Pose
 
 UNITS_UM = {'nm': 1e-3, 'um': 1.0, 'mm': 1e3, 'm': 1e6}
@@ -50,7 +57,7 @@ class Request:
     finger: Finger
     law: ContactLaw
     options: SearchOptions
-    rules: GripRules
+    rules: tuple[GripRules, ...]
 
 
 _CLEARANCE_UM = {Mode.ROBUST.value: 0.5, Mode.PAPER.value: 0.0}
@@ -168,9 +175,8 @@ _OPTIONS = (
         '--grip-tolerance-uN',
         'grip_tolerance_un',
         type=float,
-        default=GripRules.grip_tolerance_uN,
-        show_default=True,
-        help='A grip may be off by as much, and keeps its margin, µN.',
+        help='A grip may be off by as much, and keeps its margin, µN.  '
+        '[default: 1.5; 0.5 if no plan forgives as much]',
     ),
     click.option(
         '--time-limit', type=float, metavar='S', help='Give up searching after S seconds.'
@@ -204,7 +210,7 @@ def request_from(
     roll_margin: float,
     least_margin_un: float,
     grip_un: float,
-    grip_tolerance_un: float,
+    grip_tolerance_un: float | None,
     time_limit: float | None,
 ) -> Request:
     """Return the request that the options describe.
@@ -225,6 +231,7 @@ def request_from(
     else:
         goal = Pose(translation_um, quaternion)
         words = 'quaternion {:g} {:g} {:g} {:g}'.format(*quaternion)
+    rules = GripRules(margin, roll_margin, least_margin_un, grip_un)
     return Request(
         object_name=object_name,
         unit_um=None if unit is None else UNITS_UM[unit],
@@ -236,7 +243,9 @@ def request_from(
         ),
         law=ContactLaw(friction, pull_off_un, max_force_un, adhesion=not no_adhesion),
         options=SearchOptions(math.radians(step_deg), Mode(mode), time_limit),
-        rules=GripRules(margin, roll_margin, least_margin_un, grip_un, grip_tolerance_un),
+        rules=firmest_first(rules)
+        if grip_tolerance_un is None
+        else (replace(rules, grip_tolerance_uN=grip_tolerance_un),),
     )
 
 

@@ -4,7 +4,7 @@
     .venv/bin/python examples/make_run.py             # runs a station for half a minute
     .venv/bin/python examples/make_run.py RUN.mcap    # takes a run that there is
 
-Without the log and the place of the file, which tell of the machine rather than of the run.
+Without log, diagnostics and places of files, which tell of the machine rather than of the run.
 """
 
 import json
@@ -18,9 +18,12 @@ from mcap.writer import CompressionType, Writer
 
 from microhand_station.analysis.message_decoder import MessageDecoder
 from microhand_station.recording.record_scan import scan_records
+from microhand_station.recording.run_writer import PARAMETERS_METADATA, VERSIONS_METADATA
 
 EXAMPLE = Path(__file__).with_name('reorientation.mcap')
-LEFT_OUT = ('/rosout', '/diagnostics')
+LEFT_OUT = ('/rosout', '/diagnostics', '/parameter_events')
+PLACES = ('run_dir', 'config')
+"""Parameters of nodes that are paths."""
 
 
 def record() -> Path:
@@ -29,6 +32,19 @@ def record() -> Path:
     command = [sys.executable, '-m', 'microhand_station.cli.app', 'demo', '--run-dir', folder]
     done = subprocess.run([*command, '--json'], stdout=subprocess.PIPE, check=True, text=True)
     return Path(json.loads(done.stdout)['mcap'])
+
+
+def without_machine(found: Metadata) -> dict[str, str]:
+    """Return what a metadata record says of the run."""
+    if found.name == VERSIONS_METADATA:
+        return {name: text for name, text in found.metadata.items() if name != 'system'}
+    if found.name != PARAMETERS_METADATA:
+        return found.metadata
+    nodes = {node: json.loads(text) for node, text in found.metadata.items()}
+    return {
+        node: json.dumps({name: value for name, value in values.items() if name not in PLACES})
+        for node, values in nodes.items()
+    }
 
 
 def ship(source: Path, target: Path) -> int:
@@ -53,7 +69,7 @@ def ship(source: Path, target: Path) -> int:
                     ),
                 )
             elif isinstance(found, Metadata):
-                writer.add_metadata(found.name, found.metadata)
+                writer.add_metadata(found.name, without_machine(found))
             elif isinstance(found, Attachment):
                 writer.add_attachment(
                     found.create_time, found.log_time, found.name, found.media_type, found.data

@@ -314,7 +314,9 @@ def test_the_folder_of_a_run_is_a_bag_of_rosbag2(kept, tmp_path):
     kept.setpoints[0].publish(make_chunk(0))
     kept.setpoints[0].publish(make_chunk(25))
     stopped = kept.call(kept.stop, expected_setpoints=[50, 0, 0])
-    told = yaml.safe_load((tmp_path / 'run' / 'metadata.yaml').read_text(encoding='utf-8'))
+    text = (tmp_path / 'run' / 'metadata.yaml').read_text(encoding='utf-8')
+    assert '&' not in text, 'written out, as rosbag2 does'
+    told = yaml.safe_load(text)
     information = told['rosbag2_bagfile_information']
     assert information.keys() == BAG_KEYS
     assert information['version'] == 9

@@ -60,15 +60,10 @@ def write_bag_metadata(record: Path, writer: RunWriter, topics: Sequence[Announc
     OSError
         The disk refuses.
     """
-    span = {
-        'starting_time': {'nanoseconds_since_epoch': writer.start_ns},
-        'duration': {'nanoseconds': writer.end_ns - writer.start_ns},
-        'message_count': writer.messages,
-    }
     information = {
         'version': 9,
         'storage_identifier': 'mcap',
-        **span,
+        **_span(writer),
         'topics_with_message_count': [
             {'topic_metadata': _topic(topic), 'message_count': writer.counts[topic.name]}
             for topic in topics
@@ -77,12 +72,21 @@ def write_bag_metadata(record: Path, writer: RunWriter, topics: Sequence[Announc
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [record.name],
-        'files': [{'path': record.name, **span}],
+        'files': [{'path': record.name, **_span(writer)}],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
     text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
     (record.parent / METADATA_FILE).write_text(text, encoding='utf-8')
+
+
+def _span(writer: RunWriter) -> dict[str, Any]:
+    """Return from when to when, and how many messages: made anew, or YAML would refer back."""
+    return {
+        'starting_time': {'nanoseconds_since_epoch': writer.start_ns},
+        'duration': {'nanoseconds': writer.end_ns - writer.start_ns},
+        'message_count': writer.messages,
+    }
 
 
 def _topic(topic: AnnouncedTopic) -> dict[str, Any]:

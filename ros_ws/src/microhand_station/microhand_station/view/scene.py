@@ -32,7 +32,7 @@ GROUND_COLOR: Color = (150, 156, 166)
 SKY_INTENSITY = 2.0
 CELL_COLOR: Color = (232, 235, 238)
 SECTION_COLOR: Color = (206, 212, 218)
-CAMERA_UM = (50.0, -84.0, 50.0)
+CAMERA_UM = (72.0, -122.0, 72.0)
 
 Figures = Callable[[str], Figure | None]
 

@@ -110,6 +110,11 @@ def test_the_stiffest_finger_decides_how_slowly_the_object_is_met():
             {'contact': {'tolerance_um': 0.5}},
             'contact: tolerance_um is 0.5; allowed: less than standoff_um, 0.5',
         ),
+        (
+            {'tolerances': {'path_um': 0}},
+            'tolerances: path_um is 0.0; allowed: a number >= 0.001 and <= 1000',
+        ),
+        ({'tolerances': {'goal': 1}}, 'tolerances: goal is unknown; allowed: start_um, path_um'),
         ({'twin': {'enabled': 1}}, 'twin: enabled is 1; allowed: true or false'),
         ({'twin': {'friction': -0.1}}, 'twin: friction is -0.1; allowed: a number >= 0 and <= 2'),
         ({'twin': {'pull_off_uN': 'weak'}}, "twin: pull_off_uN is 'weak'; allowed: a number"),

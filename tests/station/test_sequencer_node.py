@@ -2,6 +2,7 @@
 """The sequencer node and what its callers can do, against real stage drivers and a real twin."""
 
 import dataclasses
+import math
 import resource
 import time
 
@@ -11,7 +12,10 @@ from microhand_msgs_py.msg import ErrorCode, RunEvent, SequencerState, StageStat
 
 from microhand_planner.core.motions import motions
 from microhand_planner.core.plan import Plan
+from microhand_planner.core.pose import Pose
 from microhand_planner.core.trajectory import time_steps
+from microhand_planner.ros.conversions import plan_to_msg
+from microhand_station import client
 from microhand_station.analysis.run import Run
 from microhand_station.bringup.processes import end_processes
 from microhand_station.client import StationClient, StationError
@@ -169,28 +173,66 @@ def test_a_plan_that_contradicts_itself_is_refused(bench, sphere_plan):
     assert not any(bench.watcher.chunks.values())
 
 
-def test_a_driver_that_dies_ends_the_run_within_a_second(bench, sphere_plan):
-    """STAGE_MISSING names the finger, the others come to rest; a new driver cures it."""
-    with bench.executing(sphere_plan(150.0)) as errors:
-        bench.watcher.wait(
-            lambda: (
-                bench.watcher.states[-1].step == ROLL and bench.watcher.states[-1].progress > 0.2
-            )
-        )
-        bench.drivers[2].kill()
-        began_s = time.monotonic()
-    assert time.monotonic() - began_s < 2.0
-    assert errors[0].code == ErrorCode.STAGE_MISSING
-    assert 'finger 2' in str(errors[0])
-    bench.watcher.wait_state(SequencerState.IDLE)
-    stages = bench.watcher.stages
-    bench.watcher.wait(lambda: all(stages[f].mode == StageState.HOLDING for f in (1, 3)))
-    with pytest.raises(StationError, match='finger 2: its stage driver') as missing:
+@pytest.mark.parametrize(
+    ('spoil', 'sentence'),
+    [
+        (lambda steps: steps[ROLL].tip_positions.__setitem__(4, math.nan), 'tip_um is not finite'),
+        (
+            lambda steps: setattr(steps[ROLL + 1], 'finger', 4),
+            'finger is 4; allowed: 0, 1, 2',
+        ),
+    ],
+    ids=['nan', 'finger'],
+)
+def test_a_plan_that_cannot_be_meant_is_refused(bench, sphere_plan, monkeypatch, spoil, sentence):
+    """NaN in a tip, a finger that does not exist: INVALID_PLAN, nothing moves."""
+
+    def spoilt(plan):
+        message = plan_to_msg(plan)
+        spoil(message.steps)
+        return message
+
+    monkeypatch.setattr(client, 'plan_to_msg', spoilt)
+    with pytest.raises(StationError, match=sentence) as error:
         bench.execute(sphere_plan(10.0))
-    assert missing.value.code == ErrorCode.STAGE_MISSING
-    bench.drivers[2] = bench.start('finger_2')
-    bench.activate(2)
-    assert bench.execute(sphere_plan(10.0)).held
+    assert error.value.code == ErrorCode.INVALID_PLAN
+    assert not any(bench.watcher.chunks.values())
+
+
+def test_a_plan_from_another_start_is_refused(bench, sphere_plan):
+    """It begins with fingers at the object that are not there now: NOT_ALLOWED, nothing moves."""
+    plan = sphere_plan(10.0)
+    held = plan.steps[4]
+    begin = Pose(held.object_position_um[0], held.object_quaternion_wxyz[0])
+    later = dataclasses.replace(plan, start=begin, steps=plan.steps[4:])
+    with pytest.raises(
+        StationError,
+        match=r'finger [123], [xyz]: \d+\.\d\d µm from where the plan has it hold .* allowed 2 µm',
+    ) as error:
+        bench.execute(later)
+    assert error.value.code == ErrorCode.NOT_ALLOWED
+    assert not any(bench.watcher.chunks.values())
+
+
+@pytest.mark.parametrize('fault', [{'fault': 'stuck'}, {'fault_drift': 5e-6, 'fault': 'drifting'}])
+def test_a_stage_that_does_not_follow_ends_the_run(bench, sphere_plan, fault):
+    """PATH_TOLERANCE names finger, axis, amount and what is allowed; the others stop and hold."""
+    driver = 'finger_3/stage_driver'
+    bench.tell(driver, **fault)
+    sentence = r'finger 3, [xyz]: \d+\.\d\d µm from its setpoint for 0\.1 s, allowed [\d.]+ µm'
+    try:
+        with pytest.raises(StationError, match=sentence) as error:
+            bench.execute(sphere_plan(20.0))
+    finally:
+        bench.tell(driver, fault='none')
+    assert error.value.code == ErrorCode.PATH_TOLERANCE
+    bench.watcher.wait_state(SequencerState.IDLE)
+    bench.watcher.wait(
+        lambda: all(
+            stage.mode == StageState.HOLDING and stage.on_target
+            for stage in bench.watcher.stages.values()
+        )
+    )
 
 
 @pytest.fixture

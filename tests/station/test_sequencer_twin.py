@@ -2,11 +2,10 @@
 """The sequencer and the object: fingers that feel for it, a twin that judges it."""
 
 import dataclasses
-import time
 
 import numpy as np
 import pytest
-from microhand_msgs_py.msg import ErrorCode, SequencerState, StageState
+from microhand_msgs_py.msg import ErrorCode, SequencerState
 
 from microhand_station.client import StationError
 
@@ -94,25 +93,3 @@ def test_an_object_other_than_the_plans_is_refused_and_nothing_moves(bench, sphe
     with pytest.raises(StationError, match='twin: object is sphere; allowed: a name of the cat'):
         bench.client.execute(sphere_plan(10.0))
     assert not any(bench.watcher.chunks.values())
-
-
-def test_a_twin_that_dies_ends_the_run_within_a_second(bench, sphere_plan):
-    """TWIN_MISSING; the stages stand, nothing is said about the object; a new twin cures it."""
-    with bench.executing(sphere_plan(150.0)) as errors:
-        bench.watcher.wait(
-            lambda: bench.watcher.states[-1].step == 2 and bench.watcher.states[-1].progress > 0.3
-        )
-        bench.twin.kill()
-        began_s = time.monotonic()
-    assert time.monotonic() - began_s < 2.0
-    assert errors[0].code == ErrorCode.TWIN_MISSING
-    assert errors[0].execution.held is None
-    bench.watcher.wait_state(SequencerState.IDLE)
-    bench.watcher.wait(
-        lambda: all(s.mode == StageState.HOLDING for s in bench.watcher.stages.values())
-    )
-    with pytest.raises(StationError, match='the twin is not there') as missing:
-        bench.execute(sphere_plan(10.0))
-    assert missing.value.code == ErrorCode.TWIN_MISSING
-    bench.start_twin()
-    assert bench.execute(sphere_plan(10.0)).held

@@ -332,27 +332,6 @@ def test_nodes_do_not_outlive_a_bring_up_that_is_killed(ros_domain, tmp_path):
         assert station.end(signal.SIGKILL) == -signal.SIGKILL
 
 
-def test_a_missing_driver_and_a_missing_recorder_are_named_and_the_others_stay_up(
-    ros_domain, tmp_path
-):
-    """Killed before a run: one clear error each, nothing moves, the other nodes go on."""
-    with running(tmp_path, *OWN) as station, StationClient('own') as client:
-        plan = client.plan('ellipsoid', Pose(), turn(0, 0, 40)).plan
-        os.kill(processes_of(tmp_path)['recorder'], signal.SIGKILL)
-        station.wait_for_line('recorder ended with status -9')
-        with pytest.raises(StationError) as error:
-            client.execute(plan)
-        assert error.value.code == ErrorCode.RECORDER_MISSING
-        os.kill(processes_of(tmp_path)['finger_2'], signal.SIGKILL)
-        station.wait_for_line('finger_2 ended with status -9')
-        with pytest.raises(StationError, match='finger 2') as error:
-            client.execute(plan)
-        assert error.value.code == ErrorCode.STAGE_MISSING
-        assert error.value.exit_status == 4
-        assert len(processes_of(tmp_path)) == 5
-        assert client.plan('ellipsoid', Pose(), turn(0, 0, 20)).plan.steps
-
-
 def test_demo_does_it_all_and_says_so_in_json(tmp_path):
     """A mesh file in, a record and a report out; the object is held within 1°; nothing is left."""
     mesh = Path(__file__).parents[2] / 'examples' / 'ellipsoid.stl'

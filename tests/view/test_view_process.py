@@ -32,7 +32,7 @@ def test_the_view_dies_alone_and_the_emergency_stop_needs_no_sequencer(ros_domai
 
     And with the sequencer killed, the emergency stop of the page still stops all stages.
     """
-    options = ('--namespace', NAME, '--view-port', '0')
+    options = ('--namespace', NAME, '--view-port', '0', '--no-restart')
     with running(tmp_path, *options) as station, StationClient(NAME) as client:
         url = station.wait_for_line('view: ').partition('view: ')[2]
         with urllib.request.urlopen(url, timeout=ANSWER_S) as page:

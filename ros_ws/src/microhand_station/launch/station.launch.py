@@ -7,8 +7,8 @@ every route; launch, which only the apt route has, passes on the arguments and t
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
-from launch.substitutions import LaunchConfiguration
-from launch_ros.substitutions import ExecutableInPackage
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -17,12 +17,20 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('namespace', default_value='', description='of all its names'),
             DeclareLaunchArgument(
+                'config',
+                default_value=PathJoinSubstitution(
+                    [FindPackageShare('microhand_station'), 'config', 'station.yaml']
+                ),
+                description='station file: fingers and their stages, motion, contact, tolerances',
+            ),
+            DeclareLaunchArgument(
                 'run_dir', default_value='runs', description='for logs, records'
             ),
             ExecuteProcess(
                 cmd=[
                     ExecutableInPackage('microhand', 'microhand_station'),
                     'station',
+                    ['--config=', LaunchConfiguration('config')],
                     ['--namespace=', LaunchConfiguration('namespace')],
                     ['--run-dir=', LaunchConfiguration('run_dir')],
                 ],

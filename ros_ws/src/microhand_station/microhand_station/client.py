@@ -40,10 +40,11 @@ from microhand_planner.ros.conversions import (
     point_from_um,
     pose_to_msg,
 )
+from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.client_answers import ExecutionResult, PlanAnswer, StationError
 from microhand_station.message_note import message_note
 from microhand_station.sequencer.progress import Progress
-from microhand_station.service_call import POLL_S, call, greet
+from microhand_station.service_call import GONE_S, POLL_S, call, greet
 
 STAGE_MISSING = 300
 ANSWER_S = 5.0
@@ -94,9 +95,14 @@ class StationClient:
         )
         self.node = rclpy.create_node(name, namespace=namespace, context=self._context)
         """For what else is to be asked of the station; spun by the client."""
+        self._life = {name: LifeSign(self.node, name) for name in ('planner', 'sequencer')}
         self._plan = self.node.create_client(PlanRotation, 'planner/plan_rotation')
         self._execute = ActionClient(self.node, ExecutePlan, 'sequencer/execute_plan')
-        self._met: set[str] = set()
+        self._ready = {
+            'planner': self._plan.service_is_ready,
+            'sequencer': self._execute.server_is_ready,
+        }
+        self._met: dict[str, int] = {}
         self._requests: dict[str, str] = {}
         self._goal: Any = None
         self._closing = threading.Event()
@@ -193,9 +199,8 @@ class StationClient:
             options=options_to_msg(finger or Finger(), law or ContactLaw(), options, rules),
             start_tips=[] if start_tip_um is None else [point_from_um(t) for t in start_tip_um],
         )
-        self._meet('planner', ANSWER_S)
-        future = self._plan.call_async(request)
-        answer = self._result(future, self._plan.service_is_ready, 'planner')
+        losses = self._meet('planner', ANSWER_S)
+        answer = self._result(self._plan.call_async(request), 'planner', losses)
         if answer.error_code:
             raise StationError(answer.error_msg, answer.error_code)
         noted = {**message_note(request), **({'words': words} if words else {})}
@@ -239,15 +244,15 @@ class StationClient:
             if on_progress is not None:
                 on_progress(_progress(message.feedback))
 
-        self._meet('sequencer', ANSWER_S)
+        losses = self._meet('sequencer', ANSWER_S)
         self._wait_for_actions(ANSWER_S)
         goal = ExecutePlan.Goal(
             plan=plan_to_msg(plan), run_name=run_name, object=object_name, unit=unit_um / UM_PER_M
         )
         goal.request_json = self._requests.get(goal.plan.plan_hash, '')
-        self._goal = self._ask(lambda: self._execute.send_goal_async(goal, tell))
+        self._goal = self._ask(lambda: self._execute.send_goal_async(goal, tell), losses)
         try:
-            answer = self._ask(self._goal.get_result_async).result
+            answer = self._ask(self._goal.get_result_async, losses).result
         except KeyboardInterrupt:
             self.cancel()
             raise
@@ -268,7 +273,7 @@ class StationClient:
     def cancel(self) -> None:
         """Let the run that this client started come to rest and hold; return when it is asked."""
         if self._goal is not None:
-            self._ask(self._goal.cancel_goal_async)
+            self._ask(self._goal.cancel_goal_async, self._life['sequencer'].losses)
 
     def command(self, name: str) -> None:
         """Send a command to the sequencer: pause, resume, emergency_stop or reset.
@@ -280,6 +285,7 @@ class StationClient:
         """
         client: Client = self.node.create_client(Command, f'sequencer/{name}')
         try:
+            self._meet('sequencer', ANSWER_S)
             answer = call(
                 client,
                 Command.Request(),
@@ -299,9 +305,10 @@ class StationClient:
             if self._pace_s:
                 self._closing.wait(self._pace_s)
 
-    def _meet(self, server: str, deadline_s: float) -> None:
-        """Return when a node is known to answer this client."""
-        if server not in self._met:
+    def _meet(self, server: str, deadline_s: float) -> int:
+        """Return when a node is known to answer this client: how often it had died until then."""
+        losses = self._life[server].losses
+        if self._met.get(server) != losses:
             greet(
                 self.node,
                 server,
@@ -309,7 +316,8 @@ class StationClient:
                 who=f'the {server}',
                 missing_code=RunFailed.code,
             )
-            self._met.add(server)
+            self._met[server] = losses
+        return losses
 
     def _wait_for_actions(self, deadline_s: float) -> None:
         """Return when the sequencer takes goals: an action has parts that are found one by one."""
@@ -319,24 +327,26 @@ class StationClient:
                 raise RunFailed('the sequencer is not there')
             time.sleep(POLL_S)
 
-    def _ask(self, send: Callable[[], Future]) -> Any:
+    def _ask(self, send: Callable[[], Future], losses: int) -> Any:
         """Have the thread that spins send something to the sequencer; wait for the answer.
 
         An action client drops an answer that comes before it has noted down what it sent.
         """
-        is_there = self._execute.server_is_ready
-        sent = self._result(self._executor.create_task(send), is_there, 'sequencer')
-        return self._result(sent, is_there, 'sequencer')
+        sent = self._result(self._executor.create_task(send), 'sequencer', losses)
+        return self._result(sent, 'sequencer', losses)
 
-    def _result(self, future: Future, is_there: Callable[[], bool], who: str) -> Any:
-        """Wait for an answer as long as the node that owes it is there."""
+    def _result(self, future: Future, server: str, losses: int) -> Any:
+        """Wait for an answer until the node that owes it has died more than `losses` times."""
         answered = threading.Event()
         future.add_done_callback(lambda _: answered.set())
+        seen_s = time.monotonic()
         while not answered.wait(SPIN_S):
             if self._closing.is_set():
-                raise RunFailed(f'the connection was closed before the {who} answered')
-            if not is_there():
-                raise RunFailed(f'the {who} ended before it answered')
+                raise RunFailed(f'the connection was closed before the {server} answered')
+            if self._ready[server]():
+                seen_s = time.monotonic()
+            if self._life[server].losses != losses or time.monotonic() > seen_s + GONE_S:
+                raise RunFailed(f'the {server} ended before it answered')
         return future.result()
 
 

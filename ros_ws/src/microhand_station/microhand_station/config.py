@@ -24,6 +24,7 @@ from microhand_planner.core.trajectory import Pace
 from microhand_planner.core.travel import AXES, StageLimits
 from microhand_station.contact_config import STIFFNESS_N_PER_M, ContactConfig, TwinConfig
 from microhand_station.recording_config import RecordingConfig
+from microhand_station.tolerance_config import ToleranceConfig
 
 Vector = tuple[float, float, float]
 Made = TypeVar('Made')
@@ -135,6 +136,8 @@ class StationConfig:
         How fast.
     contact : ContactConfig
         How fingers meet the object.
+    tolerances : ToleranceConfig
+        How far stages may be from where they should be.
     twin : TwinConfig
         What stands in for the object.
     recording : RecordingConfig
@@ -147,6 +150,7 @@ class StationConfig:
     frame: str = 'station'
     motion: Motion = field(default_factory=Motion)
     contact: ContactConfig = field(default_factory=ContactConfig)
+    tolerances: ToleranceConfig = field(default_factory=ToleranceConfig)
     twin: TwinConfig = field(default_factory=TwinConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
     fingers: tuple[FingerConfig, ...] = (
@@ -182,6 +186,7 @@ class StationConfig:
             'frame': self.frame,
             'motion': dataclasses.asdict(self.motion),
             'contact': dataclasses.asdict(self.contact),
+            'tolerances': dataclasses.asdict(self.tolerances),
             'twin': dataclasses.asdict(self.twin),
             'recording': dataclasses.asdict(self.recording),
             'fingers': [
@@ -233,10 +238,11 @@ def config_from_dict(content: object) -> StationConfig:
     top = _section(
         'station',
         content,
-        ('namespace', 'frame', 'motion', 'contact', 'twin', 'recording', 'fingers'),
+        ('namespace', 'frame', 'motion', 'contact', 'tolerances', 'twin', 'recording', 'fingers'),
     )
     motion = _section('motion', top.get('motion', {}), tuple(vars(default.motion)))
     contact = _section('contact', top.get('contact', {}), tuple(vars(default.contact)))
+    tolerances = _section('tolerances', top.get('tolerances', {}), tuple(vars(default.tolerances)))
     fingers = top.get('fingers', [{}] * FINGERS)
     if not isinstance(fingers, list) or len(fingers) != FINGERS:
         raise BadRequest('fingers', _shown(fingers), f'a list of {FINGERS}')
@@ -246,6 +252,9 @@ def config_from_dict(content: object) -> StationConfig:
         motion=Motion(**_numbers('motion', motion)),
         contact=_named(
             'contact', lambda: ContactConfig(**_numbers('contact', contact, ('speed_um_s',)))
+        ),
+        tolerances=_named(
+            'tolerances', lambda: ToleranceConfig(**_numbers('tolerances', tolerances))
         ),
         twin=_named('twin', lambda: _twin(top.get('twin', {}))),
         recording=_named('recording', lambda: _recording(top.get('recording', {}))),

@@ -10,6 +10,7 @@ from typing import Any
 from rcl_interfaces.srv import ListParameters
 from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.task import Future
 
 from microhand_planner.core.errors import RunFailed
 
@@ -17,9 +18,20 @@ POLL_S = 0.02
 """How often a service that is not there yet is looked for [s]."""
 ASK_AGAIN_S = 1.0
 """A first answer that takes longer than this has been lost [s]."""
+GONE_S = 0.5
+"""A service does not look ready for a moment, shorter than this, when a node of the same name
+begins, or is forgotten [s]."""
 
 
-def call(client: Client, request: Any, *, deadline_s: float, who: str, missing_code: int) -> Any:
+def call(
+    client: Client,
+    request: Any,
+    *,
+    deadline_s: float,
+    who: str,
+    missing_code: int,
+    repeatable: bool = False,
+) -> Any:
     """Return the response of a service; its node is spun by another thread.
 
     Parameters
@@ -34,6 +46,9 @@ def call(client: Client, request: Any, *, deadline_s: float, who: str, missing_c
         Whom the error names.
     missing_code : int
         Code of the error if nobody answers.
+    repeatable : bool
+        Served twice it does no harm: it is sent again when no answer comes, as happens when the
+        server has only just been started, see `greet`.
 
     Raises
     ------
@@ -46,16 +61,33 @@ def call(client: Client, request: Any, *, deadline_s: float, who: str, missing_c
             raise RunFailed(f'{who} is not there', missing_code)
         time.sleep(POLL_S)
     answered = threading.Event()
-    future = client.call_async(request)
-    future.add_done_callback(lambda _: answered.set())
-    while not answered.wait(POLL_S):
-        if time.monotonic() > give_up_s:
-            client.remove_pending_request(future)
-            raise RunFailed(f'{who} does not answer within {deadline_s:g} s', missing_code)
-        if not client.service_is_ready():
-            client.remove_pending_request(future)
-            raise RunFailed(f'{who} is gone', missing_code)
-    return future.result()
+    answers: list[Any] = []
+
+    def keep(future: Future) -> None:
+        answers.append(future.result())
+        answered.set()
+
+    def send() -> Future:
+        future = client.call_async(request)
+        future.add_done_callback(keep)
+        return future
+
+    future, ask_again_s = send(), time.monotonic() + ASK_AGAIN_S
+    seen_s = time.monotonic()
+    try:
+        while not answered.wait(POLL_S):
+            if time.monotonic() > give_up_s:
+                raise RunFailed(f'{who} does not answer within {deadline_s:g} s', missing_code)
+            if client.service_is_ready():
+                seen_s = time.monotonic()
+            elif time.monotonic() > seen_s + GONE_S:
+                raise RunFailed(f'{who} is gone', missing_code)
+            if repeatable and time.monotonic() > ask_again_s:
+                client.remove_pending_request(future)
+                future, ask_again_s = send(), time.monotonic() + ASK_AGAIN_S
+    finally:
+        client.remove_pending_request(future)
+    return answers[0]
 
 
 def greet(node: Node, server: str, *, deadline_s: float, who: str, missing_code: int) -> None:

@@ -40,6 +40,7 @@ from microhand_planner.ros.conversions import (
     rules_from_msg,
     tips_from_msg,
 )
+from microhand_planner.ros.life_sign import give_life_sign
 from microhand_planner.ros.workers import Workers
 
 KEPT_PARTS = 16
@@ -55,6 +56,7 @@ class PlannerNode(Node):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('planner', **node_options)
+        give_life_sign(self)
         self.declare_parameter(
             'catalogue',
             '',

@@ -40,8 +40,9 @@ def activate(node: Node, managed: str, *, who: str, deadline_s: float) -> None:
     RunFailed
         STAGE_MISSING: it is not there, or it refuses a transition.
     """
-    state = node.create_client(GetState, f'{managed}/get_state')
     change = node.create_client(ChangeState, f'{managed}/change_state')
+    # last: its answer proves that the other will come
+    state = node.create_client(GetState, f'{managed}/get_state')
 
     def ask(client: Client, request: Any, within_s: float = deadline_s) -> Any:
         return call(client, request, deadline_s=within_s, who=who, missing_code=STAGE_MISSING)

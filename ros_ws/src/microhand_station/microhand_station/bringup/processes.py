@@ -45,6 +45,7 @@ class NodeProcess:
     ) -> None:
         self.name = name
         self.log = log
+        self._start = (module, tuple(arguments), dict(environment))
         with log.open('ab') as output:
             self._process = subprocess.Popen(
                 [
@@ -78,6 +79,11 @@ class NodeProcess:
         if self.exit_status is None:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
+
+    def again(self) -> NodeProcess:
+        """Start the same node anew; its log goes on."""
+        module, arguments, environment = self._start
+        return NodeProcess(self.name, module, arguments, self.log, environment)
 
     def last_words(self) -> str:
         """Return the last line of its log."""

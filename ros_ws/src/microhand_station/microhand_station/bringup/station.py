@@ -21,10 +21,11 @@ from microhand_station.bringup.node_commands import (
     view_command,
 )
 from microhand_station.bringup.processes import NodeProcess, end_processes
+from microhand_station.bringup.restart_budget import RestartBudget
 from microhand_station.bringup.signals import undisturbed
-from microhand_station.client import ANSWER_S, StationClient
+from microhand_station.client import STAGE_MISSING, StationClient
 from microhand_station.config import StationConfig, write_config
-from microhand_station.service_call import POLL_S
+from microhand_station.service_call import POLL_S, greet
 from microhand_station.view.address import TOKEN_VARIABLE, ViewAddress
 
 START_S = 30.0
@@ -46,6 +47,8 @@ class RunningStation:
         Told what happens, one sentence at a time.
     view : ViewAddress, optional
         Where to show the station in a browser; by default nowhere.
+    restarts : bool
+        Processes that die are started again by `look`.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class RunningStation:
         domain_id: int | None,
         on_news: Callable[[str], None],
         view: ViewAddress | None = None,
+        restarts: bool = False,
     ) -> None:
         self._config = config
         self._folder = folder
@@ -68,7 +72,8 @@ class RunningStation:
         self.view_url = ''
         """Where the page of the station is; empty: there is none."""
         self._processes: list[NodeProcess] = []
-        self._mourned: set[str] = set()
+        self._mourned: set[int] = set()
+        self._budget = RestartBudget() if restarts else None
         self._names = contextlib.ExitStack()
         self.troubles: list[str] = []
         """What did not go well at the end; complete when the context has ended."""
@@ -93,14 +98,50 @@ class RunningStation:
         self._end()
 
     def look(self) -> None:
-        """Tell of processes that have ended since the last look; the others stay up."""
-        for process in self._processes:
-            if process.exit_status is not None and process.name not in self._mourned:
-                self._mourned.add(process.name)
-                self._on_news(
-                    f'{process.name} ended with status {process.exit_status}: '
-                    f'{process.last_words()} (log: {process.log})'
-                )
+        """Tell of processes that have ended since the last look; the others stay up.
+
+        With restarts they are started again, stage drivers activated; stages hold where they are.
+        """
+        for place, process in enumerate(self._processes):
+            if process.exit_status is None or process.pid in self._mourned:
+                continue
+            self._mourned.add(process.pid)
+            self._on_news(
+                f'{process.name} ended with status {process.exit_status}: '
+                f'{process.last_words()} (log: {process.log})'
+            )
+            if self._budget is None:
+                continue
+            if self._budget.spend(process.name, time.monotonic()):
+                self._processes[place] = self._start_again(process)
+            else:
+                self._on_news(f'{process.name} died too often and is not started again')
+
+    def _start_again(self, died: NodeProcess) -> NodeProcess:
+        """Start a process again, and return when its node works, or when it cannot."""
+        file = self._folder / VIEW_ADDRESS_FILE
+        if died.name == 'view':
+            file.unlink(missing_ok=True)
+        process = died.again()
+        try:
+            with StationClient(self._config.namespace, self._domain_id) as client:
+                if process.name == 'view':
+                    self._wait_until(file.exists, 'view')
+                elif process.name.startswith('finger_'):
+                    self._activate(client, process.name)
+                else:
+                    greet(
+                        client.node,
+                        process.name,
+                        deadline_s=START_S,
+                        who=process.name,
+                        missing_code=STAGE_MISSING,
+                    )
+        except RunFailed as error:
+            self._on_news(f'{process.name} was started again, but does not work: {error}')
+        else:
+            self._on_news(f'{process.name} runs again; stages that stopped wait for a reset')
+        return process
 
     def _start(self) -> None:
         """Start the processes and bring them to work."""
@@ -117,18 +158,22 @@ class RunningStation:
             for finger in range(1, FINGERS + 1):
                 name = f'finger_{finger}'
                 self._wait_for(client, f'{name}/stage_driver')
-                activate(
-                    client.node,
-                    f'{name}/stage_driver',
-                    who=f'the stage driver of finger {finger}',
-                    deadline_s=ANSWER_S,
-                )
+                self._activate(client, name)
             twin = ('twin',) if self._config.twin.enabled else ()
             for name in ('planner', *twin, 'sequencer', 'recorder'):
                 self._wait_for(client, name)
             client.wait_until_ready(START_S)
         if self._view is not None:
             self._open_view(self._view)
+
+    def _activate(self, client: StationClient, name: str) -> None:
+        """Bring the stage driver of a finger to work."""
+        activate(
+            client.node,
+            f'{name}/stage_driver',
+            who=f'the stage driver of {name.replace("_", " ")}',
+            deadline_s=START_S,
+        )
 
     def _launch(self, node: NodeCommand, **environment: str) -> None:
         """Start a process."""

@@ -14,6 +14,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.plan_file import write_plan
 from microhand_planner.core.pose import Pose
 from microhand_station.analysis.report import write_report
@@ -29,6 +30,8 @@ from microhand_station.client_answers import ExecutionResult, PlanAnswer, Statio
 
 KEYS = (*PLAN_KEYS, 'mcap', 'report', 'held', 'final_error_deg')
 STATION_KEYS = ('config', 'namespace', 'domain_id', 'run_dir', 'speed')
+RUN_NAME = 'demo'
+"""Of the record, which is there even if nobody is left to tell its name."""
 PAPER_ZYZ_DEG = (80.0, 220.0, 100.0)
 
 
@@ -100,8 +103,7 @@ def _run(request: Request, choice: StationChoice, as_json: bool, known: dict[str
             done, failure = _execute(client, request, found, console)
         for trouble in station.troubles:
             console.print(trouble)
-        if done is not None:
-            known.update(_result(choice.folder, done))
+        known.update(_result(choice.folder, done))
         if failure is not None:
             if known.get('report') is not None:
                 console.print(f'report  {known["report"]}', soft_wrap=True)
@@ -116,7 +118,7 @@ def _findable(object_name: str) -> str:
 
 def _execute(
     client: StationClient, request: Request, found: PlanAnswer, console: Console
-) -> tuple[ExecutionResult | None, StationError | None]:
+) -> tuple[ExecutionResult | None, StationError | RunFailed | None]:
     """Execute the plan under a progress bar; return how far it came, and why no further."""
     columns = (TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn())
     shown = console.is_terminal
@@ -132,32 +134,35 @@ def _execute(
         try:
             done = client.execute(
                 found.plan,
-                'demo',
+                RUN_NAME,
                 tell,
                 object_name=_findable(request.object_name),
                 unit_um=request.unit_um or 0.0,
             )
         except StationError as error:
             return error.execution, error
+        except RunFailed as error:  # the sequencer died
+            return None, error
         return done, None
 
 
-def _result(folder: Path, done: ExecutionResult) -> dict[str, Any]:
+def _result(folder: Path, done: ExecutionResult | None) -> dict[str, Any]:
     """Write the report and return what the demonstration says of the execution."""
-    error_rad = done.final_error_rad
-    result: dict[str, Any] = {
-        'mcap': None if done.record_file is None else str(done.record_file),
-        'report': None,
-        'held': done.held,
-        'final_error_deg': None if error_rad is None else math.degrees(error_rad),
-        'duration_s': done.duration_s,
-        'setpoints': done.setpoints_sent,
-        'record_error': done.record_error,
-    }
-    if done.record_file is not None:
+    result: dict[str, Any] = {'mcap': None, 'report': None, 'held': None, 'final_error_deg': None}
+    record = folder / RUN_NAME / f'{RUN_NAME}.mcap'
+    if record.exists():
         report = folder / 'report.html'
-        write_report(Run.open(done.record_file), report)
-        result['report'] = str(report)
+        write_report(Run.open(record), report)
+        result |= {'mcap': str(record), 'report': str(report)}
+    if done is not None:
+        error_rad = done.final_error_rad
+        result |= {
+            'held': done.held,
+            'final_error_deg': None if error_rad is None else math.degrees(error_rad),
+            'duration_s': done.duration_s,
+            'setpoints': done.setpoints_sent,
+            'record_error': done.record_error,
+        }
     return result
 
 

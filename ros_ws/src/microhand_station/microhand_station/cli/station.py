@@ -44,18 +44,27 @@ LOOK_S = 0.2
     metavar='TOKEN',
     help=f'Secret to open the page with: {TOKEN_RULE}; also by {TOKEN_VARIABLE}.',
 )
+@click.option(
+    '--restart/--no-restart',
+    'restarts',
+    default=True,
+    show_default=True,
+    help='Start processes again that died.',
+)
 def station(
     view: bool,
     view_port: int | None,
     view_host: str | None,
     view_token: str | None,
+    restarts: bool,
     **options: Any,
 ) -> None:
     """Run a simulated station: planner, sequencer, recorder, three stage drivers and a twin.
 
     Each is a process of its own, with its log in the folder of the run. `station ready` says that
     requests are answered: from the page (--view), from other ROS nodes, or from Python by
-    microhand_station.client. Ctrl-C ends them all.
+    microhand_station.client. A process that dies is started again, up to three times a minute;
+    stages that stopped wait for a reset. Ctrl-C ends all.
 
     \b
     Examples:
@@ -75,7 +84,9 @@ def station(
             DEFAULT_PORT if view_port is None else view_port,
             view_token or '',
         )
-    station = RunningStation(choice.config, choice.folder, choice.domain_id, _say, address)
+    station = RunningStation(
+        choice.config, choice.folder, choice.domain_id, _say, address, restarts
+    )
     try:
         with interruptible(), station:
             root = f'/{choice.config.namespace.strip("/")}'.rstrip('/')

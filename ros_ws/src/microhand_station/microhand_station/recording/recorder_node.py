@@ -28,6 +28,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
+from microhand_planner.ros.life_sign import LifeSign, give_life_sign
 from microhand_station.recording.bag_metadata import AnnouncedTopic
 from microhand_station.recording.open_run import OpenRun
 from microhand_station.recording.parameter_book import ParameterBook
@@ -63,6 +64,7 @@ class Recorder(Node):
 
     def __init__(self, clock_ns: Callable[[], int] = time.time_ns, **node_options: Any) -> None:
         super().__init__('recorder', **node_options)
+        give_life_sign(self)
         self._clock_ns = clock_ns
         self.declare_parameter(
             'run_dir',
@@ -100,6 +102,8 @@ class Recorder(Node):
             )
         self.create_timer(STATUS_PERIOD_S, self._publish_status)
         self.create_service(StartRun, '~/start_run', self._start_run)
+        self._sequencer = LifeSign(self, 'sequencer', self._close_orphan)
+        self._losses = 0
         # While stop_run waits it must not hold the group of the subscriptions and timers.
         self.create_service(
             StopRun, '~/stop_run', self._stop_run, callback_group=ReentrantCallbackGroup()
@@ -134,6 +138,15 @@ class Recorder(Node):
             self._noted_parameters = known
             run.note(PARAMETERS_METADATA, known)
 
+    def _close_orphan(self) -> None:
+        """Finish the file of a run whose sequencer will never ask for it."""
+        if self._run is None or self._run.closing:
+            return
+        if self._sequencer.losses != self._losses:
+            path, end = self._run.path, 'the sequencer ended before the run did'
+            self._close_run(end)
+            self._report(ErrorCode.INTERNAL, f'{path}: {end}')
+
     def _record(self, name: str, topic: RecordedTopic, cdr: bytes, info: dict[str, int]) -> None:
         if topic.qos is LATCHED:
             self._latched[name] = cdr
@@ -161,6 +174,7 @@ class Recorder(Node):
     def _start_run(
         self, request: StartRun.Request, response: StartRun.Response
     ) -> StartRun.Response:
+        self._close_orphan()
         started = datetime.fromtimestamp(self._clock_ns() / 1e9, timezone.utc)
         name = request.name or started.strftime('run_%Y%m%dT%H%M%SZ')
         response.error_code, response.error_msg = self._refusal(name, request.metadata_json)
@@ -183,6 +197,7 @@ class Recorder(Node):
             )
             return response
         self._run = run
+        self._losses = self._sequencer.losses
         response.file = str(run.path)
         self._report(ErrorCode.SUCCESS, f'recording {response.file}')
         if request.mesh_file:

@@ -12,7 +12,7 @@ from microhand_station.sequencer.stage_watch import STAGE_MISSING
 
 STOP_ANSWER_S = 0.5
 """Longest wait for the stages to confirm that they stop [s]."""
-RESET_ANSWER_S = 2.0
+RESET_ANSWER_S = 4.0
 """Longest wait for a stage to answer a reset [s]."""
 POLL_S = 0.005
 

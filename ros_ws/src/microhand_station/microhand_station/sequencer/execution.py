@@ -171,7 +171,7 @@ class Execution:
         self._on_progress = on_progress
         self._on_event = on_event
         self._on_deviation = on_deviation
-        self._streamer = Streamer(stages, control, now_ns, self._check)
+        self._streamer = Streamer(stages, control, config.tolerances, now_ns, self._check)
         self._record_file = ''
         self._record_error = ''
         self._duration_s = 0.0
@@ -328,6 +328,7 @@ class Execution:
         """Raise unless the twin reports that the object is where the plan has it."""
         if self._twin is None:
             return
+        self._twin.check()
         report = self._twin.report
         check_held(report, time.monotonic())
         planned = None if report is None else planned_at(report.stamp_ns)
@@ -346,7 +347,7 @@ class Execution:
         give_up_s = time.monotonic() + CATCH_UP_S
         while True:
             self._control.check_orders()
-            self._check_object(lambda ns: planned if ns >= stands_ns else None)
+            self._check(lambda ns: planned if ns >= stands_ns else None)
             report = self._twin.report
             if report is not None and report.stamp_ns >= stands_ns:
                 return

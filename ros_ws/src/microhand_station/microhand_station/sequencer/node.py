@@ -35,6 +35,7 @@ from microhand_planner.core.errors import (
 )
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.ros.conversions import UM_PER_M
+from microhand_planner.ros.life_sign import give_life_sign
 from microhand_planner.ros.workers import Workers
 from microhand_station.config import StationConfig, read_config
 from microhand_station.message_note import message_note
@@ -59,7 +60,21 @@ TELL_PERIOD_S = 0.1
 
 
 class SequencerNode(Node):
-    """Executes plans, one at a time; the states are drawn in `sequencer.states.State`.
+    """Executes plans, one at a time.
+
+    ::
+
+                start             begin             pause
+        IDLE ----------> STARTING ------> RUNNING <-------> PAUSED
+         ^                  |              |   |     resume   |
+         |       stop       |     done     |   | stop         | stop
+         +------------------+<-------------+   v              v
+         |                                  STOPPING <--------+
+         +<---- done --------------------------+
+         |
+         +<---- reset ---- EMERGENCY <---- emergency, from every state
+
+    The same, with what may happen when, as code: `sequencer.states`.
 
     Actions ``~/execute_plan`` and ``~/reorient``; services ``~/pause``, ``~/resume``,
     ``~/emergency_stop``, ``~/reset``; topics ``~/state``, ``~/object_deviation``, ``events`` and
@@ -69,6 +84,7 @@ class SequencerNode(Node):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('sequencer', **node_options)
+        give_life_sign(self)
         self.declare_parameter(
             'config',
             '',

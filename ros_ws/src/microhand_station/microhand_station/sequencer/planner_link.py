@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import threading
+import time
 
 from microhand_msgs_py.msg import Plan
 from microhand_msgs_py.srv import PlanRotation
 from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
+from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.sequencer.run_control import RunControl
-from microhand_station.service_call import POLL_S, greet
+from microhand_station.service_call import GONE_S, POLL_S, greet
 
 FIND_S = 2.0
 """Longest wait for the planner to be there [s]."""
@@ -28,6 +30,7 @@ class PlannerLink:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._life = LifeSign(node, 'planner')
         self._client = node.create_client(PlanRotation, 'planner/plan_rotation')
 
     def plan(self, request: PlanRotation.Request, control: RunControl) -> Plan:
@@ -46,13 +49,16 @@ class PlannerLink:
             who='the planner',
             missing_code=RunFailed.code,
         )
+        losses, seen_s = self._life.losses, time.monotonic()
         answered = threading.Event()
         future = self._client.call_async(request)
         future.add_done_callback(lambda _: answered.set())
         try:
             while not answered.wait(POLL_S):
                 control.check_orders()
-                if not self._client.service_is_ready():
+                if self._client.service_is_ready():
+                    seen_s = time.monotonic()
+                if self._life.losses != losses or time.monotonic() > seen_s + GONE_S:
                     raise RunFailed('the planner ended before it answered')
         finally:
             self._client.remove_pending_request(future)

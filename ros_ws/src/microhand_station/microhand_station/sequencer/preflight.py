@@ -13,11 +13,11 @@ from microhand_msgs_py.msg import Plan as PlanMsg
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.force_check import check_forces
 from microhand_planner.core.motions import Motion, motions
-from microhand_planner.core.plan import FINGERS, Plan
+from microhand_planner.core.plan import Plan
 from microhand_planner.core.plan_check import check_plan
 from microhand_planner.core.pose import FloatArray
 from microhand_planner.core.trajectory import Trajectory, time_steps
-from microhand_planner.core.travel import StageLimits, check_travel
+from microhand_planner.core.travel import AXES, StageLimits, check_travel
 from microhand_planner.ros.conversions import plan_from_msg
 from microhand_station.config import StationConfig
 from microhand_station.sequencer.approach_path import way_to_start
@@ -33,8 +33,6 @@ ANSWER_S = 5.0
 """Longest wait for a driver, the twin or the recorder to be found, and to answer [s]."""
 READY_S = 0.5
 """Longest wait for stages that are there to hold [s]."""
-HOLDING_UM = 2.0
-"""Fingers that hold the object already are so near to where a plan begins [µm]."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class Preflight:
         standing_um = np.stack([stage.command_um() for stage in self._stages])
         begin_um = plan.steps[0].tip_um[0]
         holding = np.array(plan.steps[0].in_contact)
-        _check_holding(holding, np.linalg.norm(standing_um - begin_um, axis=1))
+        _check_holding(holding, standing_um - begin_um, self._config.tolerances.start_um)
         way = way_to_start(np.where(holding[:, None], begin_um, standing_um), plan)
         if not way:
             return None
@@ -184,12 +182,13 @@ class Preflight:
             self._control.wait(time.monotonic() + LOOK_S)
 
 
-def _check_holding(holding: FloatArray, away_um: FloatArray) -> None:
+def _check_holding(holding: FloatArray, away_um: FloatArray, allowed_um: float) -> None:
     """Check that fingers that shall hold the object from the beginning can be doing so."""
-    for finger in range(FINGERS):
-        if holding[finger] and away_um[finger] > HOLDING_UM:
+    for finger in np.flatnonzero(holding):
+        axis = int(np.argmax(np.abs(away_um[finger])))
+        if abs(away_um[finger, axis]) > allowed_um:
             raise RunFailed(
-                f'finger {finger + 1}: {away_um[finger]:.2f} µm away from where the plan has it '
-                f'hold the object; allowed: {HOLDING_UM:g} µm',
+                f'finger {finger + 1}, {AXES[axis]}: {abs(away_um[finger, axis]):.2f} µm from '
+                f'where the plan has it hold the object, allowed {allowed_um:g} µm',
                 NOT_ALLOWED,
             )

@@ -13,6 +13,7 @@ from microhand_msgs_py.srv import StartRun, StopRun
 from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
+from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.service_call import call, greet
 from stage_driver_sim.qos import DIAGNOSTICS
 
@@ -30,6 +31,8 @@ class RecorderLink:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._life = LifeSign(node, 'recorder')
+        self._losses = 0
         self._start = node.create_client(StartRun, 'recorder/start_run')
         self._stop = node.create_client(StopRun, 'recorder/stop_run')
         self._status_name = f'{node.get_namespace().rstrip("/")}/recorder: record'
@@ -39,6 +42,8 @@ class RecorderLink:
     @property
     def fault(self) -> str:
         """What the recorder says is wrong with the record being written; empty: nothing."""
+        if self._file and self._life.losses != self._losses:
+            return 'the recorder ended before the run did'
         return self._fault
 
     def start(
@@ -69,6 +74,7 @@ class RecorderLink:
         RunFailed
             RECORDER_MISSING, or what the recorder says.
         """
+        self._losses = self._life.losses
         greet(
             self._node,
             'recorder',
@@ -98,7 +104,9 @@ class RecorderLink:
         str
             Empty if every setpoint is in the file.
         """
-        self._file = self._fault = ''
+        fault, self._file, self._fault = self.fault, '', ''
+        if self._life.losses != self._losses:
+            return fault
         try:
             answer = call(
                 self._stop,

@@ -68,6 +68,7 @@ class StageLink:
             deadline_s=deadline_s,
             who=f'finger {self._finger}: its stage driver',
             missing_code=STAGE_MISSING,
+            repeatable=True,
         )
         if answer.error_code:
             raise RunFailed(f'finger {self._finger}: {answer.error_msg}', answer.error_code)
@@ -161,6 +162,7 @@ class StageLink:
             deadline_s=deadline_s,
             who=f'finger {self._finger}: its stage driver',
             missing_code=STAGE_MISSING,
+            repeatable=True,
         )
         if answer.error_code:
             raise RunFailed(f'finger {self._finger}: {answer.error_msg}', answer.error_code)
@@ -172,6 +174,7 @@ class StageLink:
             mode=Mode(state.mode),
             position_um=um_from_point(state.position),
             command_um=um_from_point(state.command),
+            velocity_um_s=um_from_point(state.velocity),
             on_target=state.on_target,
             stream=state.stream,
             received=state.received,

@@ -7,18 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
-
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.pose import FloatArray
-from microhand_planner.core.travel import AXES
 
 STAGE_MISSING = 300
 STAGE_FAULT = 301
 STREAM_BROKEN = 303
 NO_CONTACT = 310
 
-SILENCE_S = 0.5
+SILENCE_S = 0.4
 """A stage that has not reported for longer is gone [s]."""
 
 
@@ -45,6 +42,8 @@ class StageReport:
         What the stage does.
     position_um, command_um : (3,) float
         Measured and commanded, stage frame [µm].
+    velocity_um_s : (3,) float
+        Measured, stage frame [µm/s].
     on_target : bool
         Within the window around the command, for the dwell time.
     stream, received : int
@@ -65,6 +64,7 @@ class StageReport:
     mode: Mode
     position_um: FloatArray
     command_um: FloatArray
+    velocity_um_s: FloatArray
     on_target: bool
     stream: int
     received: int
@@ -144,7 +144,7 @@ def finished(reports: Sequence[StageReport | None], stream: int, setpoints: int)
 
 
 def what_is_missing(reports: Sequence[StageReport | None], stream: int, setpoints: int) -> str:
-    """Say which finger is not finished, and by how much."""
+    """Say which finger has not got all of a stream, or does not hold; empty: all do."""
     for finger, report in enumerate(reports, start=1):
         if report is None:
             return f'finger {finger}: nothing heard of its stage'
@@ -152,11 +152,6 @@ def what_is_missing(reports: Sequence[StageReport | None], stream: int, setpoint
         if report.stream != stream or not complete:
             accepted = report.received if report.stream == stream else 0
             return f'finger {finger}: accepted {accepted} of {setpoints} setpoints'
-        error_um = report.position_um - report.command_um
-        axis = int(np.argmax(np.abs(error_um)))
-        if report.mode is not Mode.HOLDING or not report.on_target:
-            return (
-                f'finger {finger} {AXES[axis]}: {error_um[axis]:+.3f} µm off its target, '
-                f'{report.mode.name.lower()}'
-            )
-    return 'nothing'
+        if report.mode is not Mode.HOLDING:
+            return f'finger {finger}: its stage is {report.mode.name.lower()}; allowed: holding'
+    return ''

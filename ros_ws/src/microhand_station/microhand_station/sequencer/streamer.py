@@ -10,6 +10,7 @@ from functools import partial
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.pose import Pose
 from microhand_planner.core.trajectory import Trajectory
+from microhand_station.sequencer.path_watch import PathWatch, check_goal
 from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.setpoint_stream import SetpointStream
 from microhand_station.sequencer.stage_link import NS_PER_S, StageLink
@@ -21,13 +22,12 @@ from microhand_station.sequencer.stage_watch import (
     what_is_missing,
 )
 from microhand_station.sequencer.states import EMERGENCY_STOP, Event
+from microhand_station.tolerance_config import ToleranceConfig
 
 LEAD_S = 0.4
 """Setpoints are sent this long before they are due [s]."""
-RAMP_S = 0.2
+RAMP_S = 0.15
 """How long the fingers take to a standstill when a run is broken off [s]."""
-SETTLE_S = 2.0
-"""Longest wait for the stages to be on target after a stream [s]."""
 LOOK_S = 0.02
 """How often the stages are looked at while nothing has to be sent [s]."""
 
@@ -44,23 +44,29 @@ class Streamer:
         Fingers 1, 2, 3.
     control : RunControl
         Orders of the caller, and news of the stages.
+    tolerance : ToleranceConfig
+        How far stages may be from their setpoints.
     now_ns : callable
         ROS time [ns].
-    check_object : callable
-        Raises RunFailed if the object is not where it should be.
+    check_others : callable
+        Raises RunFailed if the object is not where it should be, or if one of those who watch
+        the run is gone.
     """
 
     def __init__(
         self,
         stages: Sequence[StageLink],
         control: RunControl,
+        tolerance: ToleranceConfig,
         now_ns: Callable[[], int],
-        check_object: Callable[[PlannedAt], None],
+        check_others: Callable[[PlannedAt], None],
     ) -> None:
         self._stages = stages
         self._control = control
+        self._tolerance = tolerance
+        self._path = PathWatch(tolerance)
         self._now_ns = now_ns
-        self._check_object = check_object
+        self._check_others = check_others
         self.setpoints_sent = 0
         """To each finger, over all streams."""
 
@@ -177,19 +183,29 @@ class Streamer:
             # stages that are well get the time to come to rest
             if now_s > end_s and failed is not None and failed.code != CANCELLED:
                 raise broken or failed
-            if now_s > end_s + SETTLE_S:
-                text = what_is_missing(self.reports(), number, setpoints)
-                raise broken or RunFailed(f'{text}, {SETTLE_S:g} s after the stream', STAGE_FAULT)
+            if now_s > end_s + self._tolerance.settle_s:
+                if broken is None:
+                    self._check_settled(number, setpoints)
+                break
             self._control.wait(now_s + LOOK_S)
         if broken is not None:
             raise broken
+
+    def _check_settled(self, number: int, setpoints: int) -> None:
+        """Raise unless every stage has the stream, and holds as near its end as is tolerated."""
+        missing = what_is_missing(self.reports(), number, setpoints)
+        if missing:
+            settle_s = self._tolerance.settle_s
+            raise RunFailed(f'{missing}, {settle_s:g} s after the stream', STAGE_FAULT)
+        check_goal(self.reports(), self._tolerance)
 
     def _why_to_stop(self, planned_at: PlannedAt) -> RunFailed | None:
         """Return what speaks against going on, if anything does."""
         try:
             self._control.check_orders()
             check_alive(self.reports(), time.monotonic())
-            self._check_object(planned_at)
+            self._path.check(self.reports())
+            self._check_others(planned_at)
         except RunFailed as error:
             return error
         return None

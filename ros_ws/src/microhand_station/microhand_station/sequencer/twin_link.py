@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.ros.conversions import pose_from_msg
+from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.sequencer.object_watch import TWIN_MISSING, ObjectReport
 from microhand_station.sequencer.stage_link import NS_PER_S
 from microhand_station.service_call import POLL_S, call, greet
@@ -33,6 +34,8 @@ class TwinLink:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._life = LifeSign(node, 'twin')
+        self._losses = 0
         self.report: ObjectReport | None = None
         """The last state of the object that arrived, since it was loaded."""
         self._loaded_ns = 0
@@ -59,6 +62,7 @@ class TwinLink:
         RunFailed
             TWIN_MISSING, or what the twin says.
         """
+        self._losses = self._life.losses
         greet(self._node, 'twin', deadline_s=deadline_s, who='the twin', missing_code=TWIN_MISSING)
         request = LoadObject.Request(plan=plan, object=object_name, unit=unit_m)
         answer = call(
@@ -74,6 +78,17 @@ class TwinLink:
             if time.monotonic() > give_up_s:
                 raise RunFailed(f'the twin says nothing for {REPORT_S:g} s', TWIN_MISSING)
             time.sleep(POLL_S)
+
+    def check(self) -> None:
+        """Return if the twin has lived since it was given its object.
+
+        Raises
+        ------
+        RunFailed
+            TWIN_MISSING.
+        """
+        if self._life.losses != self._losses:
+            raise RunFailed('the twin ended before the run did', TWIN_MISSING)
 
     def release(self, deadline_s: float) -> None:
         """Have the object let go: the fingers have closed their grasp.

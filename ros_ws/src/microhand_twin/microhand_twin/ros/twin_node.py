@@ -33,6 +33,7 @@ from microhand_planner.core.parameters import check_number
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import FINGERS, Plan
 from microhand_planner.ros.conversions import UM_PER_M, plan_from_msg, um_from_point
+from microhand_planner.ros.life_sign import give_life_sign
 from microhand_planner.ros.workers import Workers
 from microhand_twin.ros.conversions import object_state, tip_contacts
 from microhand_twin.ros.display import finger_markers, object_marker, transforms
@@ -61,6 +62,7 @@ class TwinNode(Node):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('twin', **node_options)
+        give_life_sign(self)
         declare_parameters(self)
         self._station = read_parameters(self)
         self._begin_ns = self.get_clock().now().nanoseconds

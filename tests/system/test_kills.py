@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from microhand_msgs_py.msg import ErrorCode, SequencerState, StageState
 
 from microhand_planner.core.errors import MicrohandError
-from microhand_planner.core.parameters import SearchOptions
+from microhand_planner.core.parameters import GripRules, SearchOptions
 from microhand_planner.core.plan import StepKind
 from microhand_planner.core.pose import Pose
 from microhand_station.client import StationClient
@@ -31,8 +31,11 @@ KNOWN_S = 1.0
 """Who waits for a run learns within this time that it will not end well: the issue's figure."""
 BUSY_S = 3.0
 """What a machine that is busy with other things may add; DDS alone would take 20 s."""
-LONG_SEARCH = SearchOptions(step_rad=math.radians(0.1))
-"""Takes most of a minute."""
+LONG_SEARCH = {
+    'options': SearchOptions(step_rad=math.radians(0.4)),
+    'rules': GripRules(least_margin_uN=0.3),
+}
+"""Takes several seconds."""
 WORK_TICKS = 30
 """Processor time of a search that is well under way [10 ms]."""
 POLL_S = 0.02
@@ -174,7 +177,7 @@ def planner_dies(scene):
 
     def search():
         try:
-            scene.client.plan('concave', Pose(), turn(80, 220, 100), options=LONG_SEARCH)
+            scene.client.plan('ellipsoid', Pose(), turn(80, 220, 100), **LONG_SEARCH)
         except MicrohandError as error:
             errors.append(error)
 

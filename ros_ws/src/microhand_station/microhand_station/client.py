@@ -146,6 +146,10 @@ class StationClient:
         for server in ('planner', 'sequencer'):
             self._meet(server, deadline_s)
 
+    def has_died(self, server: str) -> bool:
+        """Whether `planner` or `sequencer` has ended, or died, and is not there again."""
+        return self._life[server].dead
+
     def count_nodes(self, name: str) -> int:
         """Return how many nodes of this name, relative to the station, are to be seen."""
         full_name = f'{self.node.get_namespace().rstrip("/")}/{name}'

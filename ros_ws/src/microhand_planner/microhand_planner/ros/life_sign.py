@@ -151,6 +151,11 @@ class LifeSign:
                 self._mourn()
             return self._losses
 
+    @property
+    def dead(self) -> bool:
+        """Whether the other node has ended, or died, and nobody has taken its place."""
+        return self.losses > 0 and self._mourned
+
     def _mourn(self) -> None:
         """Count a loss, once for each process."""
         self._losses += not self._mourned

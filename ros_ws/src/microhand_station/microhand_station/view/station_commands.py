@@ -136,7 +136,7 @@ class StationCommands:
             Says what did not stop, or that the sequencer was passed over.
         """
         try:
-            if not self._emergency.service_is_ready():
+            if self._client.has_died('sequencer') or not self._emergency.service_is_ready():
                 raise RunFailed('the sequencer is not there', STAGE_MISSING)
             answer = call(
                 self._emergency,

@@ -265,7 +265,8 @@ def main() -> None:
                 load = os.getloadavg()[0]
                 folder = Path(name) / f'{way.__name__}_{rate_hz:g}'
                 row = way(rate_hz, arguments.seconds, folder)
-                rows.append({**row, 'seconds': arguments.seconds, 'load_before': round(load, 2)})
+                about = {'seconds': arguments.seconds, 'load_before': round(load, 2)}
+                rows.append({**row, **about, 'nice': os.nice(0)})
                 print(rows[-1], flush=True)
     record.write('streaming', rows, ('numpy', 'ros-rclpy'))
     print(streaming_page.write())

@@ -60,6 +60,7 @@ def write() -> Path:
         command=content['command'],
         date=content['date'],
         loads=', '.join(f'{row["load_before"]:g}' for row in rows),
+        nice=rows[0]['nice'],
         processor=machine['processor'],
         cores=machine['cores'],
         python=machine['python'],

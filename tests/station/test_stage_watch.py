@@ -45,8 +45,8 @@ def fault(**changes):
 
 def test_good_reports_pass():
     """Stages that hold are alive and ready; one that streams is alive but not ready."""
-    check_alive([GOOD, STREAMING, GOOD], now_s=10.3)
-    check_ready([GOOD, GOOD, GOOD], now_s=10.3)
+    check_alive([GOOD, STREAMING, GOOD], now_s=10.4)
+    check_ready([GOOD, GOOD, GOOD], now_s=10.4)
     with pytest.raises(RunFailed, match='finger 2: its stage is streaming; allowed: holding'):
         check_ready([GOOD, STREAMING, GOOD], now_s=10.1)
 

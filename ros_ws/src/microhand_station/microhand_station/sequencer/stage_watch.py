@@ -15,7 +15,7 @@ STAGE_FAULT = 301
 STREAM_BROKEN = 303
 NO_CONTACT = 310
 
-SILENCE_S = 0.4
+SILENCE_S = 0.5
 """A stage that has not reported for longer is gone [s]."""
 
 

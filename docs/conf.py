@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
@@ -58,11 +59,12 @@ MATHJAX_FILES = ('tex-chtml.js', 'output/chtml/fonts/woff-v2')
 # What stands where. `*`: the pages that nobody listed, at the end.
 MENU = {
     'index': (
+        ('Learn', ('tutorial/first-reorientation',)),
         ('Do', ('how-to/index',)),
         ('Understand', ('explanation/index',)),
         ('Look up', ('reference/index', 'references', 'decisions/index')),
     ),
-    'how-to/index': (('', ('station-settings', 'live-view', '*')),),
+    'how-to/index': (('', ('own-part', 'station-settings', 'live-view', '*')),),
     'explanation/index': (('', ('model', 'search', 'robust-plans', 'twin', '*')),),
     'reference/index': (
         ('', ('command-line', 'python', 'interfaces', 'nodes', 'station-file', 'plan-file', '*')),
@@ -96,5 +98,6 @@ def add_mathjax(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> None:
     """Connect what is not configuration."""
+    app.add_lexer('mermaid', TextLexer)  # git hosts draw it; here it stays text
     app.connect('source-read', add_menu)
     app.connect('build-finished', add_mathjax)

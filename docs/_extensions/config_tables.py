@@ -58,7 +58,7 @@ def station_file() -> str:
 
 def _as_yaml(text: str) -> str:
     """Return a docstring's text with the names of YAML: null for None."""
-    return re.sub(r'\b(None|False|True)\b', lambda word: YAML[word[0]], text)
+    return re.sub(r'\b(None|False|True)(?=:)', lambda word: YAML[word[0]], text)
 
 
 def _ranges(default: Any) -> dict[str, str]:

@@ -18,6 +18,7 @@ def runs_on(page):
 PAGES = sorted(page for page in DOCS.rglob('*.md') if shown_commands(page))
 
 
+@pytest.mark.timeout(300)  # a page of commands, one after the other
 @pytest.mark.parametrize(
     'page', [page for page in PAGES if not runs_on(page)], ids=lambda page: page.stem
 )

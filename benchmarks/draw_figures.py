@@ -223,7 +223,7 @@ def growth() -> None:
         'x--', color=WEAK, ms=5, lw=1, label="one rotation, Table 3's dearest goal",
     )  # fmt: skip
     left.set_xlabel('20° / Δθ')
-    left.set_ylabel('time of a whole plan [ms]')
+    left.set_ylabel('processor time [ms]')
     left.legend()
     size = [row for row in rows if row['what'] == 'size']
     right.loglog(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from record import write
+from record import cpu_time_s, write
 
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.evaluation.speed import bench
@@ -17,7 +17,7 @@ from microhand_planner.evaluation.speed import bench
 def main() -> None:
     """Measure, print a line each, and write the results."""
     rows = []
-    for row in bench(find_part):
+    for row in bench(find_part, cpu_time_s):
         flat = asdict(row)
         rows.append({**flat.pop('timing'), **flat, 'times_faster': row.times_faster})
         print(

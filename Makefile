@@ -69,7 +69,7 @@ run: setup  ## reorient the ellipsoid of examples/ on a simulated station, recor
 	$(BIN)/microhand demo examples/ellipsoid.stl --euler-zyz 80 220 100
 
 test: setup  ## run all tests
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2
 
 lint: setup  ## style, types, imports between modules and packages, container files
 	$(BIN)/ruff check .

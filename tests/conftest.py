@@ -2,7 +2,7 @@
 """What all tests share: a ROS domain of their own, messages that check fields, a place in time.
 
 Tests that run a station in real time spend their time waiting; all others compute. With two
-workers (``-n 2 --dist loadgroup``, as `make test` has it) the first runs the station's tests one
+workers (``-n 2``, as `make test` has it) one runs the station's tests one
 after the other, and the second computes, giving way to them.
 """
 
@@ -15,8 +15,9 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+from xdist.scheduler import LoadScopeScheduling
 
-TESTS = Path(__file__).parent
+TESTS = Path(__file__).parent.name
 REAL_TIME = {
     *('stage', 'station', 'system', 'view'),
     *('test_twin_node', 'test_planner_node', 'test_replay', 'test_station_commands'),
@@ -34,24 +35,32 @@ settings.load_profile('microhand')
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 
 
-def in_real_time(item: pytest.Item) -> bool:
+def in_real_time(nodeid: str) -> bool:
     """Return whether a test runs nodes in real time."""
-    if not item.path.is_relative_to(TESTS):
-        return False
-    return not REAL_TIME.isdisjoint(item.path.relative_to(TESTS).with_suffix('').parts)
+    file = Path(nodeid.partition('::')[0])
+    return file.parts[0] == TESTS and not REAL_TIME.isdisjoint(file.with_suffix('').parts)
 
 
-@pytest.hookimpl(trylast=True)
+class RealTimeApart(LoadScopeScheduling):
+    """Gives all tests in real time to one worker, the others file by file to whoever is free."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return 'real time' if in_real_time(nodeid) else nodeid.partition('::')[0]
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApart:
+    """Share out the tests between two workers; the largest share is the first to be given out."""
+    return RealTimeApart(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the tests in real time come first, and stay together.
+    """Give tests in real time a second try.
 
     A stage that hears nothing for 50 ms holds, and its run ends: that is what it is for. A machine
-    that stalls for so long does the same to a test, which is then run a second time.
+    that stalls for so long does the same to a test.
     """
-    items.sort(key=lambda item: not in_real_time(item))
     for item in items:
-        if in_real_time(item):
-            item.add_marker(pytest.mark.xdist_group('real time'))
+        if in_real_time(item.nodeid):
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 
@@ -60,7 +69,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
     Linux shares the processors out between sessions first, then by niceness within each.
     """
-    if 'PYTEST_XDIST_WORKER' in os.environ and not in_real_time(item) and os.nice(0) < GIVE_WAY:
+    if (
+        'PYTEST_XDIST_WORKER' in os.environ
+        and not in_real_time(item.nodeid)
+        and os.nice(0) < GIVE_WAY
+    ):
         os.nice(GIVE_WAY)
         os.setsid()
         with suppress(OSError):  # a kernel without such groups

@@ -4,8 +4,8 @@
 MuJoCo has no units, but it has constants that suit metres and newtons. So it is given 10 µm for
 one unit of length and 1 µN for one of force; nothing else in the project sees these. The unit of
 time is free: gravity is nothing here, and forces of inertia must be nothing, so time only says
-how fast a command moves through a world whose masses are numbers of order one. With 20 ms the
-fingers settle in 0.6 ms, far faster than any command, and a second of motion is 10 000 steps.
+how fast a command moves through a world whose masses are numbers of order one. With 10 ms the
+fingers settle in 0.3 ms, far faster than any command, and a second of motion is 20 000 steps.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Numerics:
         [µN·µm/µN]: about the radius of an elastic contact of a 4.5 µm tip times its friction.
     """
 
-    time_unit_s: float = 0.02
+    time_unit_s: float = 0.01
     time_step: float = 0.005
     tip_mass: float = 1.0
     object_mass: float = 2.0

@@ -117,7 +117,7 @@ def steps_table(found: Findings, plan: Plan | None) -> str:
         else:
             label = f'<button class="link">{name}</button>'
             span = (
-                f' data-begin="{step.begin_s:.4f}" data-end="{step.begin_s + step.duration_s:.4f}"'
+                f' data-begin="{step.begin_s}" data-end="{step.begin_s + step.duration_s}"'
             )
         body = ''.join(f'<td>{cell}</td>' for cell in cells)
         rows.append(

@@ -116,9 +116,7 @@ def steps_table(found: Findings, plan: Plan | None) -> str:
             label, span = f'{name} <span class="dim">not reached</span>', ''
         else:
             label = f'<button class="link">{name}</button>'
-            span = (
-                f' data-begin="{step.begin_s}" data-end="{step.begin_s + step.duration_s}"'
-            )
+            span = f' data-begin="{step.begin_s}" data-end="{step.begin_s + step.duration_s}"'
         body = ''.join(f'<td>{cell}</td>' for cell in cells)
         rows.append(
             f'<tr{span} data-step="{step.number + 1}"><th scope="row">{label}</th>{body}</tr>'

@@ -2,8 +2,8 @@
 """What all tests share: a ROS domain of their own, messages that check fields, a place in time.
 
 Tests that run a station in real time spend their time waiting; all others compute. With two
-workers (``-n 2``, as `make test` has it) one runs the station's tests one
-after the other, and the second computes, giving way to them.
+workers (``-n 2``, as `make test` has it) one runs the tests in real time one after the other; the
+second computes, and gives way.
 """
 
 import os

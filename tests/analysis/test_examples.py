@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from microhand_planner.core.plan import StepKind
 from microhand_station.analysis.findings import findings
 from microhand_station.analysis.run import Run
 
@@ -29,16 +30,28 @@ def test_the_shipped_run_is_a_good_one(run):
 
 
 def test_commands_and_sequencer_agree_on_the_error_of_the_object(run):
-    """Two ways to where the plan has the object: by the clock, and by the commands alone."""
+    """Two ways to where the plan has the object: by the clock, and by the commands alone.
+
+    They agree while it rests; while it rolls, up to what it turns in the 10 ms between two states.
+    """
     import numpy as np
 
     from microhand_station.analysis.run_progress import from_commands
 
     afterwards = from_commands(run.progress, run.object)
     live = run.deviation
-    both = np.interp(live.time_s, afterwards.time_s, afterwards.angle_deg)
-    np.testing.assert_allclose(both, live.angle_deg, atol=0.15)
-    assert np.median(np.abs(both - live.angle_deg)) < 0.02
+    apart_deg = np.abs(
+        np.interp(live.time_s, afterwards.time_s, afterwards.angle_deg) - live.angle_deg
+    )
+    rolls = np.zeros(len(live.time_s), dtype=bool)
+    for number, step in enumerate(run.plan.steps):
+        if step.kind is StepKind.ROLL:
+            begin_s, end_s = run.progress.span_s(number)
+            rolls |= (live.time_s >= begin_s) & (live.time_s <= end_s)
+    assert 0.2 < rolls.mean() < 0.8
+    assert np.median(apart_deg[~rolls]) < 1e-3
+    assert np.median(apart_deg[rolls]) < 0.05
+    assert apart_deg.max() < 0.15
 
 
 def test_the_notebook_runs(tmp_path, monkeypatch, capsys):

@@ -28,7 +28,7 @@ from tests.system.test_station import by_mcap, processes_of, running, turn
 NAME = 'kills'
 ANSWER_S = 30.0
 KNOWN_S = 1.0
-"""Who waits for a run learns within this time that it will not end well: the issue's figure."""
+"""Who waits for a run learns within this time that it will not end well, on a machine at rest."""
 BUSY_S = 3.0
 """What a machine that is busy with other things may add; DDS alone would take 20 s."""
 LONG_SEARCH = {

@@ -25,6 +25,7 @@ import numpy as np
 import record
 import streaming_bare
 import streaming_page
+from machine_probe import MachineProbe
 from microhand_msgs_py.msg import StageState
 from numpy.typing import NDArray
 
@@ -43,7 +44,7 @@ CONFIG = StationConfig(namespace='streaming')
 CHUNK_S = 0.05
 LEAD_S = 0.4
 """As the sequencer: so much in a chunk, sent so long before it is due [s]."""
-SWING_UM = 5.0
+SWING_UM = 20.0
 TURN_HZ = 0.5
 SPEED_UM_S = 2.0 * math.pi * TURN_HZ * SWING_UM
 TICK_S = 0.001
@@ -149,9 +150,11 @@ def ours(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
             before = {process.name: cpu_s(process.pid) for process in drivers}
             before['sender'] = time.process_time()
             began_s = time.monotonic()
-            begin_ns = time.time_ns() + round((LEAD_S + 0.1) * 1e9)
-            worst_s = stream(links, rate_hz, count, begin_ns)
-            wait(lambda: all(s.mode != StageState.STREAMING for s in listener.last.values()))
+            steady_s = began_s - time.time()
+            with MachineProbe(folder) as probe:
+                begin_ns = time.time_ns() + round((LEAD_S + 0.1) * 1e9)
+                worst_s = stream(links, rate_hz, count, begin_ns)
+                wait(lambda: all(s.mode != StageState.STREAMING for s in listener.last.values()))
             wall_s = time.monotonic() - began_s
             used = {process.name: cpu_s(process.pid) for process in drivers}
             used['sender'] = time.process_time()
@@ -166,7 +169,8 @@ def ours(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
         'reordered': sum(state.error_code != 0 for state in last.values()),
         'underruns': sum(int(state.underruns) for state in last.values()),
         'sender_late_ms': round(1e3 * worst_s, 3),
-        **judge(listener.rows, begin_ns * 1e-9, seconds),
+        **judge(listener.rows, begin_ns * 1e-9, seconds, probe, steady_s),
+        **probe.figures(),
         'cpu_percent': {
             name: round(100.0 * (used[name] - before[name]) / wall_s, 1) for name in sorted(used)
         },
@@ -174,9 +178,17 @@ def ours(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
 
 
 def judge(
-    rows: Mapping[int, list[tuple[float, float, float]]], begin_s: float, seconds: float
+    rows: Mapping[int, list[tuple[float, float, float]]],
+    begin_s: float,
+    seconds: float,
+    probe: MachineProbe,
+    steady_s: float,
 ) -> dict[str, Any]:
-    """Compare where tips were with where they were to be at the same time."""
+    """Compare where tips were with where they were to be at the same time.
+
+    Once for all moments, and once without those at which the machine itself was away;
+    `steady_s` leads from the clock of the stamps to the one of the probe.
+    """
     lags, errors, times = [], [], []
     for finger, home in zip((1, 2, 3), CONFIG.fingers, strict=True):
         since_s, position_um, _ = (np.array(rows[finger]) - [begin_s, home.home_um[0], 0.0]).T
@@ -184,17 +196,27 @@ def judge(
         since_s, error_um = since_s[inside], (path_um(since_s) - position_um)[inside]
         speed = speed_um_s(since_s)
         fast = np.abs(speed) > 0.7 * SPEED_UM_S
-        errors.append(np.abs(error_um))
+        errors.append((since_s, np.abs(error_um)))
         lags.append((error_um / speed)[fast])
         times.append(since_s[fast])
     nearest = [np.clip(np.searchsorted(t, times[0]), 0, len(t) - 1) for t in times]
     together = np.stack([lag[at] for lag, at in zip(lags, nearest, strict=True)])
     skew_s = together.max(axis=0) - together.min(axis=0)
+    served = ~np.any(
+        [probe.away(t[at] + begin_s + steady_s) for t, at in zip(times, nearest, strict=True)],
+        axis=0,
+    )
+    error_s, error_um = np.concatenate(errors, axis=1)
+    there = ~probe.away(error_s + begin_s + steady_s)
     return {
-        'tracking_nm': three(np.concatenate(errors), 1e-3),
+        'tracking_nm': three(error_um, 1e-3),
+        'tracking_served_nm': three(error_um[there], 1e-3),
         'model_limit_nm': round(1e3 * model_limit_um(), 1),
         'lag_ms': three(np.concatenate(lags), 1e-3),
         'skew_ms': three(skew_s, 1e-3),
+        'skew_served_ms': three(skew_s[served], 1e-3),
+        'served_percent': round(100.0 * float(served.mean()), 2),
+        'skew_over_1ms_percent': round(100.0 * float((skew_s > 1e-3).mean()), 4),
     }
 
 
@@ -212,13 +234,14 @@ def bare(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
     processes['sender'] = run('send', rate_hz)
     begin_s = time.monotonic()
     used = {}
-    while processes['sender'].poll() is None:
-        used = {
-            name: cpu_s(process.pid)
-            for name, process in processes.items()
-            if process.poll() is None
-        }
-        time.sleep(0.2)
+    with MachineProbe(folder) as probe:
+        while processes['sender'].poll() is None:
+            used = {
+                name: cpu_s(process.pid)
+                for name, process in processes.items()
+                if process.poll() is None
+            }
+            time.sleep(0.2)
     wall_s = time.monotonic() - begin_s
     for process in processes.values():
         process.wait()
@@ -227,6 +250,8 @@ def bare(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
     at_s = np.full((3, count), np.nan)
     for row, arrived in zip(at_s, arrivals, strict=True):
         row[arrived[:, 0].astype(int)] = arrived[:, 1]
+    skew_s = np.nanmax(at_s, axis=0) - np.nanmin(at_s, axis=0)
+    served = ~probe.away(sent_s) & ~probe.away(np.nanmax(at_s, axis=0))
     return {
         'way': 'bare rclpy: one message per setpoint',
         'rate_hz': rate_hz,
@@ -236,7 +261,11 @@ def bare(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
         'sent_hz': round(float(count - 1) / float(sent_s[-1] - sent_s[0]), 1),
         'period_ms': three(np.diff(sent_s), 1e-3),
         'latency_ms': three((at_s - sent_s)[~np.isnan(at_s)], 1e-3),
-        'skew_ms': three(np.nanmax(at_s, axis=0) - np.nanmin(at_s, axis=0), 1e-3),
+        'skew_ms': three(skew_s, 1e-3),
+        'skew_served_ms': three(skew_s[served], 1e-3),
+        'served_percent': round(100.0 * float(served.mean()), 2),
+        'skew_over_1ms_percent': round(100.0 * float((skew_s > 1e-3).mean()), 4),
+        **probe.figures(),
         'cpu_percent': {name: round(100.0 * spent / wall_s, 1) for name, spent in used.items()},
     }
 

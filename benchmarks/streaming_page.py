@@ -31,8 +31,14 @@ def line(row: dict[str, Any]) -> list[str]:
         f'{row["reordered"]}',
         f'{row.get("underruns", "–")}',
         spread(row, 'tracking_nm'),
+        spread(row, 'tracking_served_nm'),
         spread(row, 'skew_ms'),
+        spread(row, 'skew_served_ms'),
+        f'{row["skew_over_1ms_percent"]:g}',
         spread(row, 'latency_ms'),
+        spread(row, 'machine_late_ms'),
+        f'{row["machine_away"]}',
+        f'{100.0 - row["served_percent"]:.2f}',
         f'{row.get("sent_hz", "–")}',
         f'{cpu["sender"]:g}',
         ', '.join(f'{share:g}' for share in drivers),
@@ -40,8 +46,10 @@ def line(row: dict[str, Any]) -> list[str]:
 
 
 HEADS = [
-    '', 'setpoints', 'lost', 'reordered', 'underruns', 'tracking [nm]', 'skew [ms]',
-    'latency [ms]', 'rate reached [Hz]', 'processor, sender [%]', 'processor, each finger [%]',
+    '', 'setpoints', 'lost', 'reordered', 'underruns', 'tracking [nm]', '… while served',
+    'skew [ms]', '… while served', 'skew over 1 ms [% of the time]', 'latency [ms]',
+    'machine late [ms]', 'machine away', 'not served [% of the time]',
+    'rate reached [Hz]', 'processor, sender [%]', 'processor, each finger [%]',
 ]  # fmt: skip
 
 

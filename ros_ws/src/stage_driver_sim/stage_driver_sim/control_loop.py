@@ -74,6 +74,11 @@ class ControlLoop:
         """Begin to tick."""
         self._thread.start()
 
+    @property
+    def thread_id(self) -> int:
+        """Of the thread that ticks, as the kernel knows it; 0: not started."""
+        return self._thread.native_id or 0
+
     def stop(self) -> None:
         """Bring the stage to rest, end the thread, and return when it is gone."""
         self._stopping.set()

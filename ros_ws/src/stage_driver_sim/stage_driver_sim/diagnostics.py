@@ -10,7 +10,7 @@ from stage_driver_sim.snapshot import Mode, Snapshot
 
 
 def stage_status(
-    name: str, hardware_id: str, snapshot: Snapshot | None, timing: LoopTiming
+    name: str, hardware_id: str, snapshot: Snapshot | None, timing: LoopTiming, scheduling: str
 ) -> DiagnosticStatus:
     """Return the status of a driver.
 
@@ -24,6 +24,8 @@ def stage_status(
         What the stage does; None: the driver is not active.
     timing : LoopTiming
         How the control loop kept its deadlines since the last status.
+    scheduling : str
+        Of the control loop.
     """
     status = DiagnosticStatus(name=f'{name}: stage', hardware_id=hardware_id)
     if snapshot is None:
@@ -46,6 +48,7 @@ def stage_status(
         'setpoints received': str(snapshot.received),
         'chunks dropped': str(snapshot.dropped),
         'underruns': str(snapshot.underruns),
+        'control loop scheduling': scheduling,
         'control loop rate [Hz]': f'{timing.ticks / wall_s:.1f}',
         'control loop missed ticks': str(timing.missed),
         'control loop worst delay [s]': f'{timing.worst_late_s:.6f}',

@@ -7,6 +7,7 @@ and starts the control loop, ``deactivate`` brings it to rest and ends the loop.
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 import traceback
@@ -42,13 +43,14 @@ from stage_driver_sim.driver_parameters import (
 )
 from stage_driver_sim.errors import StageError
 from stage_driver_sim.faults import FaultyStage
+from stage_driver_sim.realtime import run_first
 from stage_driver_sim.remote_stage import RemoteStage
 from stage_driver_sim.reporter import Reporter
 from stage_driver_sim.run_node import run_node
 from stage_driver_sim.stage_choice import power_up
 
 DIAGNOSTICS_PERIOD_S = 1.0
-SWITCH_INTERVAL_S = 0.0005
+SWITCH_INTERVAL_S = 0.0001
 """How long other threads may keep the interpreter from the control loop; Python allows 5 ms."""
 
 Response = TypeVar('Response', Command.Response, SetServo.Response)
@@ -87,6 +89,7 @@ class StageDriverNode(LifecycleNode):
         self._loop: ControlLoop | None = None
         self._clock_map = ClockMap(0)
         self._reporter: Reporter | None = None
+        self._scheduling = ''
         self._state = self.create_lifecycle_publisher(StageState, 'state', qos.STATE)
         self._events = self.create_publisher(RunEvent, 'events', qos.EVENTS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
@@ -146,6 +149,7 @@ class StageDriverNode(LifecycleNode):
         activated = super().on_activate(state)
         self._loop.start()
         self._reporter.start()
+        self._scheduling = self._schedule(self._loop, self._configured.realtime_priority)
         return activated
 
     @_logged
@@ -180,6 +184,19 @@ class StageDriverNode(LifecycleNode):
         if self._stage is not None:
             self._stage.close()
         super().destroy_node()
+
+    def _schedule(self, loop: ControlLoop, priority: int) -> str:
+        """Have the loop run before others, and return how it is scheduled."""
+        if priority == 0:
+            return 'ordinary'
+        refused = run_first(loop.thread_id, priority)
+        if not refused:
+            return f'FIFO {priority}'
+        self.get_logger().warning(
+            f'no real-time priority, setpoints may be late on a busy machine: {refused}; '
+            'realtime_priority 0 does not ask for it'
+        )
+        return f'ordinary: {refused}'
 
     def _end_loop(self) -> None:
         if self._loop is not None and self._reporter is not None:
@@ -301,6 +318,7 @@ class StageDriverNode(LifecycleNode):
             '' if self._stage is None else self._stage.hardware_id,
             None if loop is None else loop.snapshot(),
             LoopTiming() if loop is None else loop.take_timing(),
+            self._scheduling,
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
@@ -315,4 +333,5 @@ def _power_up(parameters: DriverParameters) -> FaultyStage | RemoteStage:
 def main() -> None:
     """Run the driver as a process."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.freeze()  # what is imported stays: looking through it would stop the control loop
     sys.exit(run_node(StageDriverNode))

@@ -75,6 +75,9 @@ DRIVER_SPECS = (
     ParameterSpec('deceleration', 1.0, 1e-3, 1e3, 'm/s^2', 'of every stop, along the path'),
     ParameterSpec('seed', 0, 0, 2**31 - 1, '', 'of the sensor noise, together with `finger`'),
     ParameterSpec('control_rate', 1000.0, 50.0, 2000.0, 'Hz', 'of the control loop'),
+    ParameterSpec(
+        'realtime_priority', 50, 0, 98, '', 'of the control loop (SCHED_FIFO); 0: ordinary'
+    ),
     ParameterSpec('state_rate', 200.0, 1.0, 1000.0, 'Hz', 'at which `state` is published'),
     ParameterSpec(
         'on_target_window', 20e-9, 1e-10, 1e-4, 'm', 'largest distance that counts as on target'
@@ -187,6 +190,7 @@ class DriverParameters:
     gcs_period_s: float
     settings: ControllerSettings
     control_period_s: float
+    realtime_priority: int
     state_period_s: float
 
 
@@ -257,6 +261,7 @@ def read_parameters(node: Node) -> DriverParameters:
             on_target_dwell_s=_number(node, 'on_target_dwell'),
         ),
         control_period_s=1.0 / _number(node, 'control_rate'),
+        realtime_priority=int(_number(node, 'realtime_priority')),
         state_period_s=1.0 / _number(node, 'state_rate'),
     )
 

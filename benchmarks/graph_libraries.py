@@ -168,11 +168,19 @@ def run_ours(query: str) -> dict[str, object]:
     """Measure our search on one query."""
     goal, alike = QUERIES[query]
     timing = measure(lambda: ours(goal, alike), cpu_time_s)
+    problem = problem_to(goal)
+    building = measure(
+        lambda: offset_curve(
+            ellipse_section(*problem.ellipse_um, XY_PLANE), problem.finger.radius_um
+        ),
+        cpu_time_s,
+    )
     return {
         'query': query,
         'peer': 'microhand',
         'cost_deg': ours(goal, alike),
         'runs': timing.runs,
+        'structure_s': building.median_s,
         'total_s': timing.median_s,
     }
 

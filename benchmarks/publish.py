@@ -63,18 +63,22 @@ def libraries(rows: Rows) -> str:
     lines = []
     for row in rows:
         if 'error' in row:
-            parts = [str(row['error'])] + [''] * 3
+            parts = [str(row['error'])] + [''] * 4
         elif 'search_s' in row:
             parts = [
                 f'{row["nodes"] / 1e6:.2f} M',
                 milliseconds(row['arrays_s'] + row['structure_s']),
                 milliseconds(row['search_s']),
+                f'{row["peak_memory_gb"]:.1f} GB',
                 f'{row["times_slower"]:.0f}',
             ]
         else:
-            parts = ['none built', '', milliseconds(row['total_s']), '1']
+            search_s = row['total_s'] - row['structure_s']
+            build, search = milliseconds(row['structure_s']), milliseconds(search_s)
+            parts = ['none built', build, search, '', '1']
         lines.append([f'{row["query"]}: {row["peer"]}', *parts])
-    return table(['query: peer', 'nodes', 'build', 'search', 'times slower in all'], lines)
+    heads = ['query: peer', 'nodes', 'build', 'search', 'peak memory', 'times slower in all']
+    return table(heads, lines)
 
 
 def growth(rows: Rows) -> str:

@@ -11,19 +11,23 @@ import os
 import signal
 import threading
 import time
+import urllib.request
 from pathlib import Path
 
 from mcap.reader import make_reader
+from microhand_msgs_py.action import Reorient
 from microhand_msgs_py.msg import ErrorCode, SequencerState, StageState
+from rclpy.action import ActionClient
 
 from microhand_planner.core.errors import MicrohandError
-from microhand_planner.core.parameters import GripRules, SearchOptions
+from microhand_planner.core.parameters import ContactLaw, Finger, GripRules, SearchOptions
 from microhand_planner.core.plan import StepKind
 from microhand_planner.core.pose import Pose
+from microhand_planner.ros.conversions import options_to_msg, pose_to_msg
 from microhand_station.client import StationClient
 from microhand_station.recording.recover import recover
 from tests.station.bench import Watcher
-from tests.system.test_station import by_mcap, processes_of, running, turn
+from tests.system.test_station import by_mcap, finished, processes_of, running, turn
 
 NAME = 'kills'
 ANSWER_S = 30.0
@@ -140,6 +144,7 @@ def sequencer_dies(scene):
     """Let it die: the client says so; all stages are in a fault; the record is finished."""
     error = scene.kill_rolling('sequencer')
     assert str(error) == 'the sequencer ended before it answered'
+    assert error.code == ErrorCode.SEQUENCER_MISSING
     assert error.exit_status == 4
     scene.wait_modes(*[StageState.FAULT] * 3)
     for stage in scene.watcher.stages.values():
@@ -190,12 +195,48 @@ def planner_dies(scene):
         searching.join(ANSWER_S)
         assert time.monotonic() - killed_s < KNOWN_S + BUSY_S
     assert str(errors[0]) == 'the planner ended before it answered'
+    assert errors[0].code == ErrorCode.PLANNER_MISSING
     assert ends[0].held
+
+
+def planner_dies_first(scene):
+    """Let it die while `reorient` waits for its plan: the caller is told, and nothing moves."""
+    before = [stage.position for stage in scene.watcher.stages.values()]
+    reorient = ActionClient(scene.client.node, Reorient, 'sequencer/reorient')
+    assert reorient.wait_for_server(ANSWER_S)
+    request = Reorient.Goal(object='ellipsoid')
+    request.start_pose, request.goal_pose = pose_to_msg(Pose()), pose_to_msg(turn(80, 220, 100))
+    request.options = options_to_msg(Finger(), ContactLaw(), *LONG_SEARCH.values())
+    answer = finished(reorient.send_goal_async(request)).get_result_async()
+    scene.wait_for_work('planner')
+    scene.kill('planner')
+    killed_s = time.monotonic()
+    result = finished(answer).result
+    assert time.monotonic() - killed_s < KNOWN_S + BUSY_S
+    assert result.error_code == ErrorCode.PLANNER_MISSING
+    assert result.error_msg == 'the planner ended before it answered'
+    scene.watcher.wait_state(SequencerState.IDLE)
+    for old, stage in zip(before, scene.watcher.stages.values(), strict=True):
+        new = stage.position
+        assert math.dist((old.x, old.y, old.z), (new.x, new.y, new.z)) < 20e-9  # noise
+    reorient.destroy()
+
+
+def view_dies(scene):
+    """Let it die: the run goes on and holds its object; the page comes back where it was."""
+    page = (scene.station.folder / 'view_address').read_text()
+    with scene.rolling('view') as ends:
+        scene.kill('view')
+    assert ends[0].held
+    scene.station.wait_for_line('view runs again')
+    with urllib.request.urlopen(page, timeout=ANSWER_S) as answer:
+        assert b'microhand' in answer.read()
 
 
 def test_each_process_is_killed_while_fingers_roll(ros_domain, tmp_path):
     """The caller learns of it within a second, the stages hold, and after a reset all goes on."""
-    with running(tmp_path, '--namespace', NAME) as station, StationClient(NAME) as client:
+    options = ('--namespace', NAME, '--view-port', '0')
+    with running(tmp_path, *options) as station, StationClient(NAME) as client:
         scene = Scene(station, client)
         for name, dies in {
             'finger_2': driver_dies,
@@ -203,6 +244,7 @@ def test_each_process_is_killed_while_fingers_roll(ros_domain, tmp_path):
             'twin': twin_dies,
             'recorder': recorder_dies,
             'planner': planner_dies,
+            'view': view_dies,
         }.items():
             dies(scene)
             scene.wait_for_restart(name)
@@ -210,5 +252,6 @@ def test_each_process_is_killed_while_fingers_roll(ros_domain, tmp_path):
             scene.watcher.wait_state(SequencerState.IDLE)
             scene.wait_modes(*[StageState.HOLDING] * 3)
         assert client.plan('ellipsoid', Pose(), turn(0, 0, 20)).plan.steps
-        assert len(processes_of(tmp_path)) == 7
+        planner_dies_first(scene)
+        assert len(processes_of(tmp_path)) == 8
         assert 'Traceback' not in station.logs()

@@ -14,6 +14,7 @@ from typing import Any
 
 import rclpy
 from microhand_msgs_py.action import ExecutePlan
+from microhand_msgs_py.msg import ErrorCode
 from microhand_msgs_py.srv import Command, PlanRotation
 from rclpy.action import ActionClient
 from rclpy.client import Client
@@ -46,7 +47,8 @@ from microhand_station.message_note import message_note
 from microhand_station.sequencer.progress import Progress
 from microhand_station.service_call import GONE_S, POLL_S, call, greet
 
-STAGE_MISSING = 300
+MISSING = {'planner': ErrorCode.PLANNER_MISSING, 'sequencer': ErrorCode.SEQUENCER_MISSING}
+"""Error codes: the node does not answer, or ended before it did."""
 ANSWER_S = 5.0
 """Longest wait for an answer that needs no work [s]."""
 SPIN_S = 0.05
@@ -295,7 +297,7 @@ class StationClient:
                 Command.Request(),
                 deadline_s=ANSWER_S,
                 who='the sequencer',
-                missing_code=STAGE_MISSING,
+                missing_code=MISSING['sequencer'],
             )
         finally:
             self.node.destroy_client(client)
@@ -318,7 +320,7 @@ class StationClient:
                 server,
                 deadline_s=deadline_s,
                 who=f'the {server}',
-                missing_code=RunFailed.code,
+                missing_code=MISSING[server],
             )
             self._met[server] = losses
         return losses
@@ -328,7 +330,7 @@ class StationClient:
         give_up_s = time.monotonic() + deadline_s
         while not self._execute.server_is_ready():
             if time.monotonic() > give_up_s:
-                raise RunFailed('the sequencer is not there')
+                raise RunFailed('the sequencer is not there', MISSING['sequencer'])
             time.sleep(POLL_S)
 
     def _ask(self, send: Callable[[], Future], losses: int) -> Any:
@@ -350,7 +352,7 @@ class StationClient:
             if self._ready[server]():
                 seen_s = time.monotonic()
             if self._life[server].losses != losses or time.monotonic() > seen_s + GONE_S:
-                raise RunFailed(f'the {server} ended before it answered')
+                raise RunFailed(f'the {server} ended before it answered', MISSING[server])
         return future.result()
 
 

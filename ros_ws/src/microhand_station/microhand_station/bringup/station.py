@@ -7,8 +7,10 @@ import contextlib
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
+from urllib.parse import urlsplit
 
 from microhand_planner.core.errors import BadRequest, RunFailed
 from microhand_planner.core.plan import FINGERS
@@ -23,8 +25,9 @@ from microhand_station.bringup.node_commands import (
 from microhand_station.bringup.processes import NodeProcess, end_processes
 from microhand_station.bringup.restart_budget import RestartBudget
 from microhand_station.bringup.signals import undisturbed
-from microhand_station.client import STAGE_MISSING, StationClient
+from microhand_station.client import StationClient
 from microhand_station.config import StationConfig, write_config
+from microhand_station.sequencer.stage_watch import STAGE_MISSING
 from microhand_station.service_call import POLL_S, greet
 from microhand_station.view.address import TOKEN_VARIABLE, ViewAddress
 
@@ -194,6 +197,9 @@ class RunningStation:
         self._launch(command, **{TOKEN_VARIABLE: address.token})
         self._wait_until(file.exists, 'view')
         self.view_url = file.read_text(encoding='utf-8')
+        # a view that is started again is to be where its page was
+        port = urlsplit(self.view_url).port or address.port
+        view_command(self._config, self._folder, replace(address, port=port))
 
     def _wait_for(self, client: StationClient, name: str) -> None:
         """Return when a node is there."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 import time
 
-from microhand_msgs_py.msg import Plan
+from microhand_msgs_py.msg import ErrorCode, Plan
 from microhand_msgs_py.srv import PlanRotation
 from rclpy.node import Node
 
@@ -47,7 +47,7 @@ class PlannerLink:
             'planner',
             deadline_s=FIND_S,
             who='the planner',
-            missing_code=RunFailed.code,
+            missing_code=ErrorCode.PLANNER_MISSING,
         )
         losses, seen_s = self._life.losses, time.monotonic()
         answered = threading.Event()
@@ -59,7 +59,9 @@ class PlannerLink:
                 if self._client.service_is_ready():
                     seen_s = time.monotonic()
                 if self._life.losses != losses or time.monotonic() > seen_s + GONE_S:
-                    raise RunFailed('the planner ended before it answered')
+                    raise RunFailed(
+                        'the planner ended before it answered', ErrorCode.PLANNER_MISSING
+                    )
         finally:
             self._client.remove_pending_request(future)
         answer = future.result()

@@ -15,8 +15,9 @@ STAGE_FAULT = 301
 STREAM_BROKEN = 303
 NO_CONTACT = 310
 
-SILENCE_S = 0.5
-"""A stage that has not reported for longer is gone [s]."""
+SILENCE_S = 0.35
+"""A stage that has not reported for longer is gone [s]; after what was sent ahead, and a ramp, the
+caller still knows it within a second."""
 
 
 class Mode(IntEnum):

@@ -17,7 +17,9 @@ PAGE = Path(__file__).parent.parent / 'docs' / 'reference' / 'streaming.md'
 
 def spread(row: dict[str, Any], key: str) -> str:
     """Return median, 99 % and largest for people."""
-    return ' / '.join(f'{value:.3g}' for value in row[key]) if key in row else '–'
+    if key not in row:
+        return '–'
+    return ' / '.join(f'{value:.0f}' if value >= 100.0 else f'{value:.3g}' for value in row[key])
 
 
 def line(row: dict[str, Any]) -> list[str]:

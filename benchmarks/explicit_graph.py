@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
-from microhand_planner.core.analytic_sections import ellipse_section
-from microhand_planner.core.offset_curve import ContactPoints, offset_curve
+from microhand_planner.core.offset_curve import ContactPoints, OffsetCurve
 from microhand_planner.core.planar_problem import Node, PlanarProblem
 from microhand_planner.core.removal import grip_window_uN
-from microhand_planner.core.section import XY_PLANE
 
 RECONFIGURATION_DEG = 180.0
 # [Kumar2021] Table 1: fingers used in one of the two grasps only, fingers on their goal's track
@@ -84,10 +82,11 @@ class ExplicitGraph:
         return np.concatenate(estimates)
 
 
-def explicit_graph(problem: PlanarProblem, *, alike: bool = False) -> ExplicitGraph:
+def explicit_graph(
+    problem: PlanarProblem, curve: OffsetCurve, *, alike: bool = False
+) -> ExplicitGraph:
     """Build all nodes and edges of a planar problem with adhesion."""
     c = problem.contacts
-    curve = offset_curve(ellipse_section(*problem.ellipse_um, XY_PLANE), problem.finger.radius_um)
     points = curve.at(np.arange(c) * (curve.length_rad / c))
     apart_um = np.linalg.norm(points.centre_um[:, None] - points.centre_um[None, :], axis=2)
     together = apart_um >= problem.finger.min_distance_um - 1e-9

@@ -63,21 +63,27 @@ def libraries(rows: Rows) -> str:
     lines = []
     for row in rows:
         if 'error' in row:
-            parts = [str(row['error'])] + [''] * 4
-        elif 'search_s' in row:
+            parts = [str(row['error'])] + [''] * 5
+        elif 'nodes' in row:
             parts = [
                 f'{row["nodes"] / 1e6:.2f} M',
-                milliseconds(row['arrays_s'] + row['structure_s']),
+                milliseconds(row['curve_s'] + row['arrays_s'] + row['structure_s']),
                 milliseconds(row['search_s']),
                 f'{row["peak_memory_gb"]:.1f} GB',
                 f'{row["times_slower"]:.0f}',
+                f'{row["times_slower_curve_given"]:.0f}',
             ]
         else:
-            search_s = row['total_s'] - row['structure_s']
-            build, search = milliseconds(row['structure_s']), milliseconds(search_s)
-            parts = ['none built', build, search, '', '1']
+            curve, search = (
+                milliseconds(time_s)
+                for time_s in (row['total_s'] - row['search_s'], row['search_s'])
+            )
+            parts = ['none built', curve, search, '', '1', '1']
         lines.append([f'{row["query"]}: {row["peer"]}', *parts])
-    heads = ['query: peer', 'nodes', 'build', 'search', 'peak memory', 'times slower in all']
+    heads = [
+        'query: peer', 'nodes', 'build', 'search', 'peak memory',
+        'times slower in all', 'with the curve given',
+    ]  # fmt: skip
     return table(heads, lines)
 
 

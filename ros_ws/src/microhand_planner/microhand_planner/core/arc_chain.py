@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,13 +45,14 @@ class ArcChain:
 
     def points(self, row: NDArray[np.intp], fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return contacts (q, 2) [µm] and normals (q, 2) at a fraction 0..1 of arcs `row`."""
-        turn = fraction * self.turn_rad[row]
-        angle = self.normal_angle_rad[row] + turn
-        middle = angle - 0.5 * turn
-        chord_um = fraction * self.arc_length_um[row] * np.sinc(turn / (2.0 * np.pi))
-        tangent = np.column_stack([-np.sin(middle), np.cos(middle)])
-        contact_um = self.contact_um[row] + chord_um[:, None] * tangent
-        return contact_um, np.column_stack([np.cos(angle), np.sin(angle)])
+        return _points(
+            self.contact_um,
+            self.normal_angle_rad,
+            self.turn_rad,
+            self.arc_length_um,
+            row,
+            fraction,
+        )
 
     def clip(self, row: NDArray[np.intp], start: FloatArray, end: FloatArray) -> ArcChain:
         """Return the parts of arcs `row` between two fractions each."""
@@ -79,3 +82,27 @@ class ArcChain:
         backwards, which no tip can do.
         """
         return self.arc_length_um + radius_um * self.turn_rad
+
+
+@nb.njit(cache=True)
+def _points(
+    contact_um: FloatArray,
+    normal_angle_rad: FloatArray,
+    turn_rad: FloatArray,
+    arc_length_um: FloatArray,
+    row: NDArray[np.intp],
+    fraction: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """See `ArcChain.points`: for a few rows, and so often that calls of numpy would cost most."""
+    at_um = np.zeros((len(row), 2))
+    normal = np.zeros((len(row), 2))
+    for k in range(len(row)):
+        arc = row[k]
+        half = 0.5 * fraction[k] * turn_rad[arc]
+        middle = normal_angle_rad[arc] + half
+        chord_um = fraction[k] * arc_length_um[arc] * (math.sin(half) / half if half else 1.0)
+        at_um[k, 0] = contact_um[arc, 0] - chord_um * math.sin(middle)
+        at_um[k, 1] = contact_um[arc, 1] + chord_um * math.cos(middle)
+        normal[k, 0] = math.cos(middle + half)
+        normal[k, 1] = math.sin(middle + half)
+    return at_um, normal

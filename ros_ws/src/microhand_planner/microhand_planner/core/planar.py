@@ -45,7 +45,12 @@ class PlanarAnswer:
     expanded: int
 
 
-def solve_planar(problem: PlanarProblem, interrupt: IntArray | None = None) -> PlanarAnswer:
+def solve_planar(
+    problem: PlanarProblem,
+    interrupt: IntArray | None = None,
+    *,
+    curve: OffsetCurve | None = None,
+) -> PlanarAnswer:
     """Find the cheapest path by the paper's cost.
 
     Parameters
@@ -54,6 +59,8 @@ def solve_planar(problem: PlanarProblem, interrupt: IntArray | None = None) -> P
         The problem.
     interrupt : (2,) int64, optional
         See `interruption`.
+    curve : OffsetCurve, optional
+        Path of the tip's centre around the problem's ellipse; by default it is made here.
 
     Returns
     -------
@@ -68,7 +75,9 @@ def solve_planar(problem: PlanarProblem, interrupt: IntArray | None = None) -> P
     >>> answer.cost_deg, answer.reconfigurations
     (1880.0, 8)
     """
-    curve = offset_curve(ellipse_section(*problem.ellipse_um, XY_PLANE), problem.finger.radius_um)
+    if curve is None:
+        section = ellipse_section(*problem.ellipse_um, XY_PLANE)
+        curve = offset_curve(section, problem.finger.radius_um)
     lattice = paper_lattice(
         curve,
         problem.contacts,

@@ -61,6 +61,23 @@ def largest_grip_uN(
     return largest
 
 
+@nb.njit(cache=True)
+def _largest_grips_uN(
+    contact_um: FloatArray,
+    normal: FloatArray,
+    friction: float,
+    pull_off_uN: float,
+    max_force_uN: float,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return `largest_grip_uN` at each of n waypoints."""
+    grips_uN = np.zeros(len(contact_um))
+    for k in range(len(contact_um)):
+        grips_uN[k] = largest_grip_uN(
+            contact_um[k], normal[k], friction, pull_off_uN, max_force_uN
+        )
+    return grips_uN
+
+
 def rolling_grips_uN(
     contact_um: FloatArray, normal: FloatArray, law: ContactLaw, rules: GripRules
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -83,11 +100,8 @@ def rolling_grips_uN(
     """
     # where nothing sticks, the search has chosen contacts that hold with the friction of removals
     share = min(rules.roll_factor if law.stick_uN > 0.0 else 1.0, rules.margin_factor)
-    high_uN = np.array(
-        [
-            largest_grip_uN(at, out, share * law.friction, law.stick_uN, law.max_force_uN)
-            for at, out in zip(contact_um, normal, strict=True)
-        ]
+    high_uN = _largest_grips_uN(
+        contact_um, normal, share * law.friction, law.stick_uN, law.max_force_uN
     )
     grip_uN = np.minimum(rules.nominal_grip_uN, high_uN)
     line = contact_um[:, 1] - contact_um[:, 0]

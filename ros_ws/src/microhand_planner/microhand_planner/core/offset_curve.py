@@ -142,6 +142,8 @@ def _obstacles_met(
     obstacles_rad: FloatArray, turn_rad: float, low_rad: FloatArray, high_rad: FloatArray
 ) -> NDArray[np.intp]:
     """Count the intervals of phase, repeated every turn, that touch [low, high]."""
+    if len(obstacles_rad) == 0:
+        return np.zeros(np.broadcast(low_rad, high_rad).size, dtype=np.intp)
     starts, ends = np.sort(obstacles_rad[:, 0]), np.sort(obstacles_rad[:, 1])
     turns_low, within_low = np.divmod(np.atleast_1d(low_rad), turn_rad)
     turns_high, within_high = np.divmod(np.atleast_1d(high_rad), turn_rad)

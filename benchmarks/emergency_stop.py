@@ -4,7 +4,7 @@
 Usage: python benchmarks/emergency_stop.py [STOPS]     (default 20)
 
 A station of real processes executes a plan, and is stopped at some moment of a motion; each time
-it is reset and begins anew. Drivers report at 1 kHz here, to see when a stage stands.
+it is reset and begins anew. Drivers report at 200 Hz here, to see when a stage stands.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def main() -> None:
     stops = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    fingers = [replace(f, driver={'state_rate': 1000.0}) for f in StationConfig().fingers]
+    fingers = [replace(f, driver={'state_rate': 200.0}) for f in StationConfig().fingers]
     config = StationConfig(
         namespace='stops', fingers=tuple(fingers), recording=RecordingConfig(required=False)
     )

@@ -18,6 +18,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,12 @@ from microhand_station.sequencer.stage_link import StageLink
 from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
 from stage_driver_sim.qos import STATE
 
-CONFIG = StationConfig(namespace='streaming')
+CONFIG = StationConfig(
+    namespace='streaming',
+    fingers=tuple(
+        replace(finger, driver={'realtime_priority': 50}) for finger in StationConfig().fingers
+    ),
+)
 CHUNK_S = 0.05
 LEAD_S = 0.4
 """As the sequencer: so much in a chunk, sent so long before it is due [s]."""

@@ -76,7 +76,7 @@ DRIVER_SPECS = (
     ParameterSpec('seed', 0, 0, 2**31 - 1, '', 'of the sensor noise, together with `finger`'),
     ParameterSpec('control_rate', 1000.0, 50.0, 2000.0, 'Hz', 'of the control loop'),
     ParameterSpec(
-        'realtime_priority', 50, 0, 98, '', 'of the control loop (SCHED_FIFO); 0: ordinary'
+        'realtime_priority', 0, 0, 98, '', 'of the control loop (SCHED_FIFO); 0: ordinary'
     ),
     ParameterSpec('state_rate', 200.0, 1.0, 1000.0, 'Hz', 'at which `state` is published'),
     ParameterSpec(

@@ -17,7 +17,6 @@ from microhand_msgs_py.action import ExecutePlan
 from microhand_msgs_py.msg import ErrorCode
 from microhand_msgs_py.srv import Command, PlanRotation
 from rclpy.action import ActionClient
-from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -46,9 +45,12 @@ from microhand_station.client_answers import ExecutionResult, PlanAnswer, Statio
 from microhand_station.message_note import message_note
 from microhand_station.sequencer.progress import Progress
 from microhand_station.service_call import GONE_S, POLL_S, call, greet
+from stage_driver_sim.lean_node import LeanNode
 
 MISSING = {'planner': ErrorCode.PLANNER_MISSING, 'sequencer': ErrorCode.SEQUENCER_MISSING}
 """Error codes: the node does not answer, or ended before it did."""
+COMMANDS = ('pause', 'resume', 'emergency_stop', 'reset')
+"""Services of the sequencer; known from the begin, since a stop has no time to look for one."""
 ANSWER_S = 5.0
 """Longest wait for an answer that needs no work [s]."""
 SPIN_S = 0.05
@@ -95,11 +97,14 @@ class StationClient:
             domain_id=domain_id,
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self.node = rclpy.create_node(name, namespace=namespace, context=self._context)
+        self.node = LeanNode(name, namespace=namespace, context=self._context)
         """For what else is to be asked of the station; spun by the client."""
         self._life = {name: LifeSign(self.node, name) for name in ('planner', 'sequencer')}
         self._plan = self.node.create_client(PlanRotation, 'planner/plan_rotation')
         self._execute = ActionClient(self.node, ExecutePlan, 'sequencer/execute_plan')
+        self._commands = {
+            name: self.node.create_client(Command, f'sequencer/{name}') for name in COMMANDS
+        }
         self._ready = {
             'planner': self._plan.service_is_ready,
             'sequencer': self._execute.server_is_ready,
@@ -289,18 +294,14 @@ class StationClient:
         StationError
             The sequencer refuses.
         """
-        client: Client = self.node.create_client(Command, f'sequencer/{name}')
-        try:
-            self._meet('sequencer', ANSWER_S)
-            answer = call(
-                client,
-                Command.Request(),
-                deadline_s=ANSWER_S,
-                who='the sequencer',
-                missing_code=MISSING['sequencer'],
-            )
-        finally:
-            self.node.destroy_client(client)
+        self._meet('sequencer', ANSWER_S)
+        answer = call(
+            self._commands[name],
+            Command.Request(),
+            deadline_s=ANSWER_S,
+            who='the sequencer',
+            missing_code=MISSING['sequencer'],
+        )
         if answer.error_code:
             raise StationError(answer.error_msg, answer.error_code)
 

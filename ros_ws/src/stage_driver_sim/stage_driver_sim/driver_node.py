@@ -43,6 +43,7 @@ from stage_driver_sim.driver_parameters import (
 )
 from stage_driver_sim.errors import StageError
 from stage_driver_sim.faults import FaultyStage
+from stage_driver_sim.lean_node import LeanNode
 from stage_driver_sim.realtime import run_first
 from stage_driver_sim.remote_stage import RemoteStage
 from stage_driver_sim.reporter import Reporter
@@ -72,7 +73,7 @@ def _logged(transition: TransitionCallback) -> TransitionCallback:
     return logged
 
 
-class StageDriverNode(LifecycleNode):
+class StageDriverNode(LeanNode, LifecycleNode):
     """Driver of one stage.
 
     Parameters

@@ -24,7 +24,6 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
@@ -42,6 +41,7 @@ from microhand_station.recording.recorded_topics import (
 from microhand_station.recording.ros2msg_schema import installed_type_hash, ros2msg_schema
 from microhand_station.recording.run_writer import PARAMETERS_METADATA, VERSIONS_METADATA
 from microhand_station.recording.versions import installed_version, versions
+from stage_driver_sim.lean_node import LeanNode
 from stage_driver_sim.qos import DIAGNOSTICS, EVENTS, LATCHED
 from stage_driver_sim.run_node import run_node
 
@@ -54,7 +54,7 @@ STATUS_PERIOD_S = 1.0
 """Between two reports on ``/diagnostics`` [s]."""
 
 
-class Recorder(Node):
+class Recorder(LeanNode):
     """Records the runs of one station.
 
     Services ``~/start_run`` and ``~/stop_run``; reports on ``events`` and ``/diagnostics``.

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All stages at once: stop them without asking anyone first, and release them again."""
+"""All stages at once: have they stopped, and release them again."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+
+from rclpy.task import Future
 
 from microhand_planner.core.errors import RunFailed
 from microhand_station.sequencer.stage_link import StageLink
@@ -17,15 +19,19 @@ RESET_ANSWER_S = 4.0
 POLL_S = 0.005
 
 
-def stop_stages(stages: Sequence[StageLink]) -> None:
-    """Send the stop to all stages, then wait for their answers.
+def confirm_stop(asked: Sequence[Future | None]) -> None:
+    """Wait until all stages have confirmed that they stop.
+
+    Parameters
+    ----------
+    asked : sequence of 3 Future or None
+        What `StageLink.ask_to_stop` returned for fingers 1, 2, 3.
 
     Raises
     ------
     RunFailed
         STAGE_MISSING: names the fingers that did not confirm. The others have been stopped.
     """
-    asked = [stage.ask_to_stop() for stage in stages]
     give_up_s = time.monotonic() + STOP_ANSWER_S
     while any(future is not None and not future.done() for future in asked):
         if time.monotonic() > give_up_s:

@@ -23,7 +23,6 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 
@@ -39,7 +38,7 @@ from microhand_planner.ros.life_sign import give_life_sign
 from microhand_planner.ros.workers import Workers
 from microhand_station.config import StationConfig, read_config
 from microhand_station.message_note import message_note
-from microhand_station.sequencer.emergency import release_stages, stop_stages
+from microhand_station.sequencer.emergency import confirm_stop, release_stages
 from microhand_station.sequencer.execution import Execution, Grasp, Order, Outcome
 from microhand_station.sequencer.object_watch import Deviation
 from microhand_station.sequencer.planner_link import PlannerLink
@@ -49,6 +48,7 @@ from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.stage_link import StageLink
 from microhand_station.sequencer.states import Event, State
 from microhand_station.sequencer.twin_link import TwinLink
+from stage_driver_sim.lean_node import LeanNode
 from stage_driver_sim.qos import EVENTS, LATCHED, STATE
 
 SPIN_S = 0.1
@@ -59,7 +59,7 @@ TELL_PERIOD_S = 0.1
 """Feedback and state are published no more often than this, but for the last one [s]."""
 
 
-class SequencerNode(Node):
+class SequencerNode(LeanNode):
     """Executes plans, one at a time.
 
     ::
@@ -117,7 +117,6 @@ class SequencerNode(Node):
         for name, command in (
             ('pause', self._control.pause),
             ('resume', self._control.resume),
-            ('emergency_stop', self._stop_everything),
             ('reset', self._reset),
         ):
             # a coroutine holds its group until it is done; the answers it waits for need another
@@ -127,6 +126,12 @@ class SequencerNode(Node):
                 self._answer(command),
                 callback_group=ReentrantCallbackGroup(),
             )
+        self.create_service(
+            Command,
+            '~/emergency_stop',
+            self._stop_everything,
+            callback_group=ReentrantCallbackGroup(),
+        )
         self._publish_state(State.IDLE)
 
     @property
@@ -277,11 +282,18 @@ class SequencerNode(Node):
 
         return serve
 
-    def _stop_everything(self) -> None:
-        """Latch the emergency stop and stop all stages."""
+    async def _stop_everything(
+        self, request: Command.Request, response: Command.Response
+    ) -> Command.Response:
+        """Stop all stages before anything else, then latch the stop and wait for the stages."""
+        asked = [stage.ask_to_stop() for stage in self._stages]
+
+        def confirm() -> None:
+            self._report('emergency stop', ErrorCode.EMERGENCY_STOP)
+            confirm_stop(asked)
+
         self._control.fire(Event.EMERGENCY)
-        self._report('emergency stop', ErrorCode.EMERGENCY_STOP)
-        stop_stages(self._stages)
+        return await self._answer(confirm)(request, response)
 
     def _reset(self) -> None:
         """Release the stages, and unlatch the emergency stop."""

@@ -23,7 +23,6 @@ from builtin_interfaces.msg import Time
 from microhand_msgs_py.msg import ErrorCode, ObjectState, StageState, TipContact
 from microhand_msgs_py.srv import Command, LoadObject
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
@@ -41,6 +40,7 @@ from microhand_twin.ros.follower import Follower
 from microhand_twin.ros.live_world import LiveWorld, ObjectReport
 from microhand_twin.ros.twin_parameters import declare_parameters, read_parameters
 from microhand_twin.world import build_world
+from stage_driver_sim.lean_node import LeanNode
 from stage_driver_sim.qos import CONTACT, LATCHED, STATE
 from stage_driver_sim.run_node import run_node
 
@@ -53,7 +53,7 @@ TF_MESSAGES = 'tf2_msgs'
 """Has no wheel: only where ROS comes by apt transforms can be published."""
 
 
-class TwinNode(Node):
+class TwinNode(LeanNode):
     """Stands in for the object of a simulated station.
 
     Services ``~/load`` and ``~/release``; topics ``object_state``, ``finger_N/contact``, ``/tf``,

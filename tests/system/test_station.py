@@ -84,16 +84,17 @@ class Station:
             self.lines.append('<end>')
             self._changed.notify_all()
 
-    def wait_for_line(self, word, deadline_s=START_S):
-        """Return the first line with a word in it; fail when the process ends without it."""
+    def wait_for_line(self, word, deadline_s=START_S, since=0):
+        """Return the first line, from a number on, with a word in it; fail if the end comes."""
 
         def found():
-            return any(word in line or line == '<end>' for line in self.lines)
+            return any(word in line or line == '<end>' for line in self.lines[since:])
 
         with self._changed:
             assert self._changed.wait_for(found, deadline_s), f'no {word!r} in {self.lines}'
-        assert any(word in line for line in self.lines), self.lines
-        return next(line for line in self.lines if word in line)
+        lines = [line for line in self.lines[since:] if word in line]
+        assert lines, self.lines
+        return lines[0]
 
     def end(self, how=signal.SIGINT):
         """Send a signal and return the exit status; every process of the station must be gone."""

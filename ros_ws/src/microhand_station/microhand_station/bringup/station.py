@@ -65,6 +65,7 @@ class RunningStation:
     ) -> None:
         self._config = config
         self._folder = folder
+        self._address_file = folder / VIEW_ADDRESS_FILE
         self._on_news = on_news
         self._environment = {
             'ROS_LOG_DIR': os.environ.get('ROS_LOG_DIR', str(folder / 'ros_log')),
@@ -116,20 +117,19 @@ class RunningStation:
             if self._budget is None:
                 continue
             if self._budget.spend(process.name, time.monotonic()):
-                self._processes[place] = self._start_again(process)
+                if process.name == 'view':
+                    self._address_file.unlink(missing_ok=True)
+                self._processes[place] = process.again()
+                self._wait_for_again(self._processes[place])
             else:
                 self._on_news(f'{process.name} died too often and is not started again')
 
-    def _start_again(self, died: NodeProcess) -> NodeProcess:
-        """Start a process again, and return when its node works, or when it cannot."""
-        file = self._folder / VIEW_ADDRESS_FILE
-        if died.name == 'view':
-            file.unlink(missing_ok=True)
-        process = died.again()
+    def _wait_for_again(self, process: NodeProcess) -> None:
+        """Return when the node of a process that was started again works, or when it cannot."""
         try:
             with StationClient(self._config.namespace, self._domain_id) as client:
                 if process.name == 'view':
-                    self._wait_until(file.exists, 'view')
+                    self._wait_until(self._address_file.exists, 'view')
                 elif process.name.startswith('finger_'):
                     self._activate(client, process.name)
                 else:
@@ -144,7 +144,6 @@ class RunningStation:
             self._on_news(f'{process.name} was started again, but does not work: {error}')
         else:
             self._on_news(f'{process.name} runs again; stages that stopped wait for a reset')
-        return process
 
     def _start(self) -> None:
         """Start the processes and bring them to work."""
@@ -192,11 +191,10 @@ class RunningStation:
 
     def _open_view(self, address: ViewAddress) -> None:
         """Start the view, and learn where its page is."""
-        file = self._folder / VIEW_ADDRESS_FILE
         command = view_command(self._config, self._folder, address)
         self._launch(command, **{TOKEN_VARIABLE: address.token})
-        self._wait_until(file.exists, 'view')
-        self.view_url = file.read_text(encoding='utf-8')
+        self._wait_until(self._address_file.exists, 'view')
+        self.view_url = self._address_file.read_text(encoding='utf-8')
         # a view that is started again is to be where its page was
         port = urlsplit(self.view_url).port or address.port
         view_command(self._config, self._folder, replace(address, port=port))
@@ -210,7 +208,7 @@ class RunningStation:
         give_up_s = time.monotonic() + START_S
         while not is_there():
             for process in self._processes:
-                if process.exit_status is not None:
+                if process.exit_status is not None and process.pid not in self._mourned:
                     raise RunFailed(
                         f'{process.name} did not start: {process.last_words()} '
                         f'(log: {process.log})'

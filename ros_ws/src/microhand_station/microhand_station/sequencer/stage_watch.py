@@ -15,9 +15,8 @@ STAGE_FAULT = 301
 STREAM_BROKEN = 303
 NO_CONTACT = 310
 
-SILENCE_S = 0.35
-"""A stage that has not reported for longer is gone [s]; after what was sent ahead, and a ramp, the
-caller still knows it within a second."""
+SILENCE_S = 0.5
+"""A stage that has not reported for longer is gone [s]."""
 
 
 class Mode(IntEnum):

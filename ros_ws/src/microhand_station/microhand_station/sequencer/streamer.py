@@ -15,7 +15,10 @@ from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.setpoint_stream import SetpointStream
 from microhand_station.sequencer.stage_link import NS_PER_S, StageLink
 from microhand_station.sequencer.stage_watch import (
+    SILENCE_S,
     STAGE_FAULT,
+    STAGE_MISSING,
+    Mode,
     StageReport,
     check_alive,
     finished,
@@ -28,6 +31,8 @@ LEAD_S = 0.4
 """Setpoints are sent this long before they are due [s]."""
 RAMP_S = 0.15
 """How long the fingers take to a standstill when a run is broken off [s]."""
+STOP_S = 0.3
+"""Longest time for stages to stop at once, because one of them is missing [s]."""
 LOOK_S = 0.02
 """How often the stages are looked at while nothing has to be sent [s]."""
 
@@ -94,8 +99,9 @@ class Streamer:
         Raises
         ------
         RunFailed
-            A cancel, an emergency stop, a stage that failed, or an object that is lost. Except
-            after an emergency stop, the stages have been brought to rest on the path.
+            A cancel, an emergency stop, a stage that failed, or an object that is lost. The
+            stages have been brought to rest on the path, except after an emergency stop or when
+            a stage is missing: then all have been stopped at once.
         """
         begin = 0
         while begin < len(trajectory) - 1:
@@ -143,8 +149,7 @@ class Streamer:
             if broken is None:
                 broken = self._why_to_stop(planned_at)
                 if broken is not None:
-                    if broken.code == EMERGENCY_STOP:
-                        raise broken
+                    self._raise_if_urgent(broken)
                     stream.ramp_down(RAMP_S)
                     self._control.fire(Event.STOP)
                 elif self._control.pause_wanted:
@@ -177,8 +182,7 @@ class Streamer:
         while not finished(self.reports(), number, setpoints):
             tell_due()
             failed = why_to_stop()
-            if failed is not None and failed.code == EMERGENCY_STOP:
-                raise failed
+            self._raise_if_urgent(failed)
             now_s = time.monotonic()
             # stages that are well get the time to come to rest
             if now_s > end_s and failed is not None and failed.code != CANCELLED:
@@ -190,6 +194,23 @@ class Streamer:
             self._control.wait(now_s + LOOK_S)
         if broken is not None:
             raise broken
+
+    def _raise_if_urgent(self, broken: RunFailed | None) -> None:
+        """Raise what does not wait for a ramp; if a stage is missing, stop those that are left."""
+        if broken is None or broken.code not in (EMERGENCY_STOP, STAGE_MISSING):
+            return
+        if broken.code == STAGE_MISSING:
+            for stage in self._stages:
+                stage.ask_to_stop()
+            stopped = (Mode.STOPPED, Mode.FAULT)
+            give_up_s = time.monotonic() + STOP_S
+            while time.monotonic() < give_up_s:
+                now_s = time.monotonic()
+                there = [r for r in self.reports() if r and now_s - r.arrived_s < SILENCE_S]
+                if all(report.mode in stopped for report in there):
+                    break
+                self._control.wait(now_s + LOOK_S)
+        raise broken
 
     def _check_settled(self, number: int, setpoints: int) -> None:
         """Raise unless every stage has the stream, and holds as near its end as is tolerated."""

@@ -47,7 +47,7 @@ from stage_driver_sim.run_node import run_node
 NS_PER_S = 1_000_000_000
 CONTACT_PERIOD_S = 0.05
 """Contacts are reported at every change, and no less often than this [s]."""
-HEARD_S = 2.0
+HEARD_S = 3.5
 """Longest wait for the first states of the stages [s]."""
 TF_MESSAGES = 'tf2_msgs'
 """Has no wheel: only where ROS comes by apt transforms can be published."""

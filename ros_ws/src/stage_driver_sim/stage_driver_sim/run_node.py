@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import signal
 import sys
 import threading
@@ -14,8 +15,27 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+HANGS_S = 60.0
+"""A node that has not ended so long after it was told to hangs in the middleware [s]."""
 STOP_LATENCY_S = 0.1
 """Longest time an idle node takes to notice that it shall end."""
+
+
+def stop_at_signals() -> threading.Event:
+    """Return an event that SIGINT and SIGTERM set; from then on the process has to end.
+
+    Now and then Fast DDS does not return from the end of a node whose peers were killed. A process
+    that is still there after `HANGS_S` writes where it is to stderr and ends, with status 1.
+    """
+    stopping = threading.Event()
+
+    def stop(*_: object) -> None:
+        faulthandler.dump_traceback_later(HANGS_S, exit=True)
+        stopping.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    return stopping
 
 
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -37,9 +57,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     int
         0; 2 if a parameter was refused, after one line on stderr.
     """
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
+    stopping = stop_at_signals()
     rclpy.init(
         args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO
     )
@@ -58,4 +76,5 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -50,6 +48,7 @@ from microhand_station.sequencer.states import Event, State
 from microhand_station.sequencer.twin_link import TwinLink
 from stage_driver_sim.lean_node import LeanNode
 from stage_driver_sim.qos import EVENTS, LATCHED, STATE
+from stage_driver_sim.run_node import stop_at_signals
 
 SPIN_S = 0.1
 """Longest time an idle sequencer takes to notice that it shall end [s]."""
@@ -382,9 +381,7 @@ def _reorientation_feedback(progress: Progress) -> Reorient.Feedback:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the sequencer until SIGINT or SIGTERM; a run that is under way is brought to rest."""
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
+    stopping = stop_at_signals()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = SequencerNode()

@@ -8,7 +8,6 @@ shows what is known, some twenty times a second, while anybody looks.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 import time
@@ -30,6 +29,7 @@ from microhand_station.view.page_server import open_page_server
 from microhand_station.view.part_store import PartStore
 from microhand_station.view.station_commands import StationCommands
 from microhand_station.view.twin_mesh import TwinMesh
+from stage_driver_sim.run_node import stop_at_signals
 
 FRAME_S = 0.04
 """Between two pictures [s]."""
@@ -47,9 +47,7 @@ PARAMETERS: tuple[tuple[str, str | int, str], ...] = (
 
 def main(args: Sequence[str] | None = None) -> int:
     """Serve the page until SIGINT or SIGTERM; 2 if the address is refused."""
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
+    stopping = stop_at_signals()
     try:
         with StationClient(
             name='view', arguments=sys.argv if args is None else args, pace_s=PACE_S

@@ -230,8 +230,8 @@ def test_each_process_is_killed_while_fingers_roll(ros_domain, tmp_path):
             ('sequencer', sequencer_dies),
             ('twin', twin_dies),
             ('recorder', recorder_dies),
-            ('planner', planner_dies),
             ('planner', planner_dies_first),
+            ('planner', planner_dies),
         ):
             said = len(station.lines)
             dies(scene)

@@ -15,8 +15,8 @@ from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.sequencer.run_control import RunControl
 from microhand_station.service_call import GONE_S, POLL_S, greet
 
-FIND_S = 2.0
-"""Longest wait for the planner to be there [s]."""
+FIND_S = 4.0
+"""Longest wait for the planner to be there; a new one is found after up to 3 s [s]."""
 
 
 class PlannerLink:

@@ -230,7 +230,6 @@ def test_each_process_is_killed_while_fingers_roll(ros_domain, tmp_path):
             ('sequencer', sequencer_dies),
             ('twin', twin_dies),
             ('recorder', recorder_dies),
-            ('planner', planner_dies_first),
             ('planner', planner_dies),
         ):
             said = len(station.lines)
@@ -242,6 +241,15 @@ def test_each_process_is_killed_while_fingers_roll(ros_domain, tmp_path):
         assert client.plan('ellipsoid', Pose(), turn(0, 0, 20)).plan.steps
         assert len(processes_of(tmp_path)) == 7
         assert 'Traceback' not in station.logs()
+
+
+def test_a_planner_is_killed_while_reorient_waits_for_it(ros_domain, tmp_path):
+    """Whoever asked for the reorientation is told, and nothing moves; then there is a new one."""
+    with running(tmp_path, '--namespace', NAME) as station, StationClient(NAME) as client:
+        scene = Scene(station, client)
+        scene.wait_modes(*[StageState.HOLDING] * 3)
+        planner_dies_first(scene)
+        scene.wait_for_restart('planner', 0)
 
 
 def test_a_killed_view_comes_back_where_its_page_was(ros_domain, tmp_path):

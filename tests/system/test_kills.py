@@ -247,7 +247,7 @@ def test_a_planner_is_killed_while_reorient_waits_for_it(ros_domain, tmp_path):
     """Whoever asked for the reorientation is told, and nothing moves; then there is a new one."""
     with running(tmp_path, '--namespace', NAME) as station, StationClient(NAME) as client:
         scene = Scene(station, client)
-        scene.wait_modes(*[StageState.HOLDING] * 3)
+        scene.watcher.wait(lambda: len(scene.watcher.stages) == 3)
         planner_dies_first(scene)
         scene.wait_for_restart('planner', 0)
 

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -66,10 +66,10 @@ class Watch:
         if state.mode == StageState.STREAMING:
             self.fastest_um_s = max(0.9 * self.fastest_um_s, float(np.linalg.norm(velocity)))
 
-    def wait(self, condition: object) -> None:
+    def wait(self, condition: Callable[[], bool]) -> None:
         """Return when a condition holds."""
         give_up_s = time.monotonic() + GIVE_UP_S
-        while not condition():  # type: ignore[operator]
+        while not condition():
             if time.monotonic() > give_up_s:
                 raise RuntimeError('waited in vain')
             time.sleep(0.002)

@@ -2,13 +2,15 @@
 """When the machine itself was away: a thread on each core that does nothing but wake up in time.
 
 As `cyclictest`: the highest priority there is, one millisecond from waking to waking. What is late
-here was not delayed by a program, but by the kernel or by whatever the machine runs on.
+here was not delayed by a program, but by the kernel or by whatever the machine runs on. A user who
+may not have that priority (`ulimit -r`) also sees what other programs delayed.
 
 Run by streaming.py, as processes: ``CORE FILE``, until SIGTERM.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -50,8 +52,7 @@ class MachineProbe:
             process.terminate()
         for process in self._processes:
             process.wait()
-        cores = [np.load(file) for file in self._files]
-        self._woken = np.concatenate(cores) if cores else np.zeros((0, 2))
+        self._woken = np.concatenate([np.load(file) for file in self._files])
 
     def figures(self) -> dict[str, Any]:
         """Return the median, 99 % and largest delay [ms], and how often a core was away."""
@@ -82,7 +83,8 @@ def probe(core: int, file: str) -> None:
 
     signal.signal(signal.SIGTERM, end)
     os.sched_setaffinity(0, {core})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     rows: list[tuple[float, float]] = []
     due_s = time.monotonic()
     while going:

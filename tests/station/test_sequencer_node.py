@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from microhand_msgs_py.msg import ErrorCode, RunEvent, SequencerState, StageState
 
+from microhand_planner.core.errors import BadRequest
 from microhand_planner.core.motions import motions
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.pose import Pose
@@ -146,6 +147,12 @@ def test_emergency_stop_is_latched_until_reset(bench, sphere_plan):
     bench.client.command('reset')
     bench.watcher.wait_state(SequencerState.IDLE)
     bench.execute(sphere_plan(10.0))
+
+
+def test_a_command_that_there_is_not_is_refused(bench):
+    """In words that say which there are, before anything is sent."""
+    with pytest.raises(BadRequest, match="command is 'halt'; allowed: pause, resume, emergency"):
+        bench.client.command('halt')
 
 
 def test_a_plan_beyond_the_travel_is_refused_and_nothing_moves(bench, sphere_plan):

@@ -22,7 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from microhand_planner.core.errors import RunFailed
+from microhand_planner.core.errors import BadRequest, RunFailed
 from microhand_planner.core.parameters import (
     ROBUST_RULES,
     ContactLaw,
@@ -291,9 +291,13 @@ class StationClient:
 
         Raises
         ------
+        BadRequest
+            There is no such command.
         StationError
             The sequencer refuses.
         """
+        if name not in self._commands:
+            raise BadRequest('command', repr(name), ', '.join(COMMANDS))
         self._meet('sequencer', ANSWER_S)
         answer = call(
             self._commands[name],

@@ -12,7 +12,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 LOG := build/setup.log
 SRC := ros_ws/src
-PACKAGES := microhand_planner stage_driver_sim microhand_twin microhand_station
+PACKAGES := microhand_node microhand_planner stage_driver_sim microhand_twin microhand_station
 
 # A sourced ROS installation, or an active environment with ROS wheels, would put its own packages and
 # libraries before ours. `make` works on the wheels of .venv alone.

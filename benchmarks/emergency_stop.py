@@ -24,6 +24,7 @@ import record
 from microhand_msgs_py.msg import RunEvent, StageState
 from scipy.spatial.transform import Rotation
 
+from microhand_node.qos import EVENTS, STATE
 from microhand_planner.core.errors import MicrohandError
 from microhand_planner.core.plan import Plan
 from microhand_planner.core.pose import Pose
@@ -32,7 +33,6 @@ from microhand_station.bringup.station import RunningStation
 from microhand_station.client import StationClient
 from microhand_station.config import StationConfig
 from microhand_station.recording_config import RecordingConfig
-from stage_driver_sim.qos import EVENTS, STATE
 
 FINGERS = (1, 2, 3)
 STANDS_UM = 0.007

@@ -30,6 +30,7 @@ from machine_probe import MachineProbe
 from microhand_msgs_py.msg import StageState
 from numpy.typing import NDArray
 
+from microhand_node.qos import STATE
 from microhand_planner.ros.conversions import um_from_point
 from microhand_station.bringup.lifecycle import activate
 from microhand_station.bringup.node_commands import node_commands
@@ -39,7 +40,6 @@ from microhand_station.config import StationConfig, write_config
 from microhand_station.sequencer.setpoint_stream import Chunk
 from microhand_station.sequencer.stage_link import StageLink
 from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
-from stage_driver_sim.qos import STATE
 
 CONFIG = StationConfig(
     namespace='streaming',

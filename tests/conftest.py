@@ -19,7 +19,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 TESTS = Path(__file__).parent.name
 REAL_TIME = {
-    *('stage', 'station', 'system', 'view'),
+    *('node', 'stage', 'station', 'system', 'view'),
     *('test_twin_node', 'test_planner_node', 'test_replay', 'test_station_commands'),
 }
 """Folders and modules whose tests start nodes, and drive them in real time."""

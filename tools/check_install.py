@@ -16,7 +16,8 @@ from ament_index_python import get_package_prefix
 from rclpy.serialization import deserialize_message, serialize_message
 
 SOURCES = Path(__file__).parents[1] / 'ros_ws' / 'src'
-EXECUTABLES = {
+EXECUTABLES: dict[str, list[str]] = {
+    'microhand_node': [],
     'microhand_planner': ['planner_node'],
     'microhand_twin': ['twin'],
     'stage_driver_sim': ['gcs_server', 'stage_driver'],
@@ -78,4 +79,4 @@ if __name__ == '__main__':
         check_files(package_name, SOURCES / package_name / package_name)
     check_messages(folder)
     check_executables(folder)
-    print(f'{folder}: five packages, messages and executables are in place')
+    print(f'{folder}: six packages, messages and executables are in place')

@@ -33,7 +33,7 @@ def link_into_prefix(source: Path, prefix: Path) -> None:
     os.chdir(source)  # setup.py names its files as seen from there
     package: Distribution = run_setup('setup.py', stop_after='init')
     name = package.get_name()
-    for entry in package.entry_points.get('console_scripts', []):
+    for entry in (package.entry_points or {}).get('console_scripts', []):
         script = entry.split('=')[0].strip()
         link(prefix / 'bin' / script, prefix / 'lib' / name / script)
     for destination, files in package.data_files:

@@ -22,6 +22,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
+from microhand_node.qos import LATCHED, SETPOINTS, STATE
 from microhand_planner.core.errors import BadRequest, InvalidParameter
 from microhand_station.analysis.record_index import record_index
 from microhand_station.recording.recorded_topics import offered_qos_yaml
@@ -31,7 +32,6 @@ from microhand_station.recording.run_writer import RunWriter
 from microhand_station.replay.offered_qos import offered_qos
 from microhand_station.replay.player import Player, Wishes
 from microhand_station.replay.stamps import StampShift
-from stage_driver_sim.qos import LATCHED, SETPOINTS, STATE
 
 DEADLINE_S = 60.0
 START_NS = 1_700_000_000_000_000_000

@@ -23,7 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from stage_driver_sim import qos
+from microhand_node import qos
 
 DEADLINE_S = 15.0
 DRIVER = Path(sys.executable).with_name('stage_driver')

@@ -23,7 +23,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 
-from stage_driver_sim import driver_node, qos
+from microhand_node import qos
+from stage_driver_sim import driver_node
 
 if TYPE_CHECKING:
     from tests.stage.conftest import DriverClient

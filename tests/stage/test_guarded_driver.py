@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point
 from microhand_msgs_py.msg import ErrorCode, SetpointChunk, StageState, TipContact
 from numpy.typing import NDArray
 
-from stage_driver_sim import qos
+from microhand_node import qos
 
 if TYPE_CHECKING:
     from tests.stage.conftest import DriverClient

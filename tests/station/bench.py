@@ -18,6 +18,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from microhand_node.qos import EVENTS, LATCHED, SETPOINTS, STATE
 from microhand_planner.core.plan import Plan
 from microhand_planner.ros.conversions import um_from_m, um_from_point
 from microhand_station.bringup.lifecycle import activate
@@ -28,7 +29,6 @@ from microhand_station.config import ContactConfig, Motion, StationConfig, write
 from microhand_station.recording_config import RecordingConfig
 from microhand_station.sequencer.node import SequencerNode
 from microhand_station.service_call import call, greet
-from stage_driver_sim.qos import EVENTS, LATCHED, SETPOINTS, STATE
 
 CONFIG = StationConfig(
     namespace='bench',

@@ -31,10 +31,10 @@ from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
+from microhand_node.qos import DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
 from microhand_station.analysis.run import Run
 from microhand_station.recording.recover import recover
 from microhand_station.recording.run_writer import PARAMETERS_METADATA, VERSIONS_METADATA
-from stage_driver_sim.qos import DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
 
 DEADLINE_S = 20.0
 NUMBERS = itertools.count()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from microhand_msgs_py.msg import ErrorCode, RunEvent, SequencerState, StageState
 
+from microhand_node.qos import EVENTS
 from microhand_planner.core.errors import BadRequest
 from microhand_planner.core.motions import motions
 from microhand_planner.core.plan import Plan
@@ -22,7 +23,6 @@ from microhand_station.bringup.processes import end_processes
 from microhand_station.client import StationClient, StationError
 from microhand_station.recording_config import RecordingConfig
 from microhand_station.sequencer.approach_path import way_to_start
-from stage_driver_sim.qos import EVENTS
 from tests.station.bench import CONFIG, sent_tips_um
 
 DISK_BYTES = 1 << 20

@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
+from microhand_node.qos import CONTACT, LATCHED, STATE
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.parameters import ContactLaw, Finger, SearchOptions
 from microhand_planner.core.planner import plan_reorientation
@@ -24,7 +25,6 @@ from microhand_planner.core.pose import Pose
 from microhand_planner.core.section_curves import section_curves
 from microhand_planner.ros.conversions import plan_to_msg, point_from_um, um_from_point
 from microhand_station.service_call import call, greet
-from stage_driver_sim.qos import CONTACT, LATCHED, STATE
 
 DEADLINE_S = 20.0
 BASE_UM = np.array([-100.0, -100.0, -100.0])

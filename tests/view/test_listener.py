@@ -20,13 +20,13 @@ from microhand_msgs_py.msg import (
 )
 from rclpy.executors import SingleThreadedExecutor
 
+from microhand_node.qos import EVENTS, LATCHED, STATE
 from microhand_planner.ros.conversions import plan_to_msg
 from microhand_station.client import StationClient
 from microhand_station.config import FingerConfig, StationConfig
 from microhand_station.sequencer.stage_watch import Mode
 from microhand_station.sequencer.states import State
 from microhand_station.view.listener import SILENCE_S, Listener
-from stage_driver_sim.qos import EVENTS, LATCHED, STATE
 
 DEADLINE_S = 20.0
 PERIOD_S = 0.02

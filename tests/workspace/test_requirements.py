@@ -74,6 +74,7 @@ def test_installed_versions_are_the_pinned_ones() -> None:
     """Nothing in the environment came in unpinned: dependencies of dependencies are pinned too."""
     ours = {
         'microhand-msgs-py',
+        'microhand-node',
         'microhand-planner',
         'microhand-station',
         'microhand-twin',

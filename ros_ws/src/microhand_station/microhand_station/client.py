@@ -22,6 +22,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from microhand_node.lean_node import LeanNode
+from microhand_node.life_sign import LifeSign
 from microhand_planner.core.errors import BadRequest, RunFailed
 from microhand_planner.core.parameters import (
     ROBUST_RULES,
@@ -40,12 +42,10 @@ from microhand_planner.ros.conversions import (
     point_from_um,
     pose_to_msg,
 )
-from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.client_answers import ExecutionResult, PlanAnswer, StationError
 from microhand_station.message_note import message_note
 from microhand_station.sequencer.progress import Progress
 from microhand_station.service_call import GONE_S, POLL_S, call, greet
-from stage_driver_sim.lean_node import LeanNode
 
 MISSING = {'planner': ErrorCode.PLANNER_MISSING, 'sequencer': ErrorCode.SEQUENCER_MISSING}
 """Error codes: the node does not answer, or ended before it did."""

@@ -23,7 +23,10 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from stage_driver_sim import qos
+from microhand_node import qos
+from microhand_node.lean_node import LeanNode
+from microhand_node.run_node import run_node
+from microhand_node.steady_thread import SteadyThread
 from stage_driver_sim.control_loop import ControlLoop, LoopTiming
 from stage_driver_sim.controller import StageController
 from stage_driver_sim.conversions import (
@@ -43,11 +46,8 @@ from stage_driver_sim.driver_parameters import (
 )
 from stage_driver_sim.errors import StageError
 from stage_driver_sim.faults import FaultyStage
-from stage_driver_sim.lean_node import LeanNode
 from stage_driver_sim.realtime import run_first
 from stage_driver_sim.remote_stage import RemoteStage
-from stage_driver_sim.reporter import Reporter
-from stage_driver_sim.run_node import run_node
 from stage_driver_sim.stage_choice import power_up
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -89,7 +89,7 @@ class StageDriverNode(LeanNode, LifecycleNode):
         self._stage: FaultyStage | RemoteStage | None = None
         self._loop: ControlLoop | None = None
         self._clock_map = ClockMap(0)
-        self._reporter: Reporter | None = None
+        self._reporter: SteadyThread | None = None
         self._scheduling = ''
         self._state = self.create_lifecycle_publisher(StageState, 'state', qos.STATE)
         self._events = self.create_publisher(RunEvent, 'events', qos.EVENTS)
@@ -146,7 +146,9 @@ class StageDriverNode(LeanNode, LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         self._loop = ControlLoop(controller, period_s=self._configured.control_period_s)
         report = partial(self._report, self._loop, f'finger_{self._configured.finger}_base')
-        self._reporter = Reporter(report, period_s=self._configured.state_period_s)
+        self._reporter = SteadyThread(
+            report, period_s=self._configured.state_period_s, name='reporter'
+        )
         activated = super().on_activate(state)
         self._loop.start()
         self._reporter.start()

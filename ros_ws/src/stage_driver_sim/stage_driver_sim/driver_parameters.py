@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from rclpy.node import Node
 
+from microhand_node.parameter_spec import ParameterSpec, declare_specs
 from stage_driver_sim.axis_parameters import RANGES, AxisParameters
 from stage_driver_sim.controller import ControllerSettings
 from stage_driver_sim.conversions import UM_PER_M
 from stage_driver_sim.errors import InvalidParameter
 from stage_driver_sim.faults import Fault, FaultSettings
 from stage_driver_sim.gcs.connection import PORT, parse_address
-from stage_driver_sim.parameter_spec import ParameterSpec, declare_specs
 from stage_driver_sim.presets import PRESETS, max_acceleration_um_s2
 from stage_driver_sim.protocol import AXES, StageLimits
 from stage_driver_sim.text_parameter import TextSpec, declare_texts

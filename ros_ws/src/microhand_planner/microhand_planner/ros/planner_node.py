@@ -3,24 +3,22 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import rclpy
 from geometry_msgs.msg import Vector3
 from microhand_msgs_py.msg import ErrorCode, ObjectInfo
 from microhand_msgs_py.srv import ListObjects, PlanRotation, ValidatePlan
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
+from microhand_node.life_sign import give_life_sign
+from microhand_node.run_node import run_node
+from microhand_node.workers import Workers
 from microhand_planner.core.catalogue import CatalogueEntry, find_part, list_objects
 from microhand_planner.core.errors import MicrohandError
 from microhand_planner.core.force_check import check_forces
@@ -40,8 +38,6 @@ from microhand_planner.ros.conversions import (
     rules_from_msg,
     tips_from_msg,
 )
-from microhand_planner.ros.life_sign import give_life_sign
-from microhand_planner.ros.workers import Workers
 
 KEPT_PARTS = 16
 """Parts whose sections are kept for further requests."""
@@ -178,21 +174,7 @@ class PlannerNode(Node):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the planner until SIGINT or SIGTERM."""
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    node = PlannerNode()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.1)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown()
-    return 0
+    return run_node(PlannerNode, args)
 
 
 if __name__ == '__main__':

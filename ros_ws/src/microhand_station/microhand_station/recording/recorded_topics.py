@@ -28,7 +28,7 @@ from rclpy.qos import (
     qos_profile_parameter_events,
 )
 
-from stage_driver_sim.qos import CONTACT, DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
+from microhand_node.qos import CONTACT, DIAGNOSTICS, EVENTS, LATCHED, SETPOINTS, STATE
 
 _ROSOUT = QoSProfile(
     depth=1000,
@@ -61,6 +61,11 @@ class RecordedTopic:
     message_type: Any
     qos: QoSProfile
     finger: int = 0
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it carries many messages a second, and keeps enough of them."""
+        return self.qos in (CONTACT, SETPOINTS, STATE, _TF)
 
     @property
     def type_name(self) -> str:

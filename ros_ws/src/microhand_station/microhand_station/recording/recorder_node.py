@@ -27,7 +27,11 @@ from rclpy.clock_type import ClockType
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
-from microhand_planner.ros.life_sign import LifeSign, give_life_sign
+from microhand_node.inbox import Inbox
+from microhand_node.lean_node import LeanNode
+from microhand_node.life_sign import LifeSign, give_life_sign
+from microhand_node.qos import DIAGNOSTICS, EVENTS, LATCHED
+from microhand_node.run_node import run_node
 from microhand_station.recording.bag_metadata import AnnouncedTopic
 from microhand_station.recording.open_run import OpenRun
 from microhand_station.recording.parameter_book import ParameterBook
@@ -41,15 +45,14 @@ from microhand_station.recording.recorded_topics import (
 from microhand_station.recording.ros2msg_schema import installed_type_hash, ros2msg_schema
 from microhand_station.recording.run_writer import PARAMETERS_METADATA, VERSIONS_METADATA
 from microhand_station.recording.versions import installed_version, versions
-from stage_driver_sim.lean_node import LeanNode
-from stage_driver_sim.qos import DIAGNOSTICS, EVENTS, LATCHED
-from stage_driver_sim.run_node import run_node
 
 _FINGERS = (1, 2, 3)
 _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,99}')
 # Messages published before the request to stop may still be under way: they get this long.
 _UNDER_WAY_S = 0.1
 _POLL_S = 0.02
+INBOX_PERIOD_S = 0.02
+"""Between two looks at the topics of many messages [s]; each keeps half a second of them."""
 STATUS_PERIOD_S = 1.0
 """Between two reports on ``/diagnostics`` [s]."""
 
@@ -95,11 +98,14 @@ class Recorder(LeanNode):
         self._parameters_of_all = ParameterBook(self)
         topics = recorded_topics(_FINGERS)
         self._announced = [self._announce(topic) for topic in (PLAN_TOPIC, *topics)]
+        self._inbox = Inbox(self)
         for topic in topics:
             name = self.resolve_topic_name(topic.name)
-            self.create_subscription(
+            subscribe = self._inbox.subscribe if topic.is_busy else self.create_subscription
+            subscribe(
                 topic.message_type, name, partial(self._record, name, topic), topic.qos, raw=True
             )
+        self.create_timer(INBOX_PERIOD_S, self._inbox.empty)
         self.create_timer(STATUS_PERIOD_S, self._publish_status)
         self.create_service(StartRun, '~/start_run', self._start_run)
         self._sequencer = LifeSign(self, 'sequencer', self._close_orphan)
@@ -126,6 +132,7 @@ class Recorder(LeanNode):
 
     def _close_run(self, end: str) -> None:
         """Finish the file of the open run, if there is one; `end` says why, in the file."""
+        self._inbox.empty()
         run, self._run = self._run, None
         if run is not None:
             self._note_parameters(run)
@@ -175,6 +182,7 @@ class Recorder(LeanNode):
         self, request: StartRun.Request, response: StartRun.Response
     ) -> StartRun.Response:
         self._close_orphan()
+        self._inbox.empty()  # what came before the run does not belong to it
         started = datetime.fromtimestamp(self._clock_ns() / 1e9, timezone.utc)
         name = request.name or started.strftime('run_%Y%m%dT%H%M%SZ')
         response.error_code, response.error_msg = self._refusal(name, request.metadata_json)

@@ -12,6 +12,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 # The wheels and the packages of Ubuntu have different names.
 _PACKAGES = (
     *('microhand_station', 'microhand_planner', 'microhand_twin', 'stage_driver_sim'),
+    'microhand_node',
     *('microhand_msgs_py', 'ros-rclpy', 'rclpy', 'mcap', 'zstandard'),
     *('numpy', 'scipy', 'numba', 'trimesh', 'mujoco'),
 )

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from microhand_msgs_py.action import ExecutePlan, Reorient
 from microhand_msgs_py.msg import ErrorCode, ObjectDeviation, Plan, RunEvent, SequencerState
 from microhand_msgs_py.srv import Command, PlanRotation
@@ -20,10 +19,15 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 
+from microhand_node.inbox import Inbox
+from microhand_node.lean_node import LeanNode
+from microhand_node.life_sign import give_life_sign
+from microhand_node.qos import EVENTS, LATCHED, STATE
+from microhand_node.run_node import run_node
+from microhand_node.steady_thread import SteadyThread
+from microhand_node.workers import Workers
 from microhand_planner.core.errors import (
     BadRequest,
     InvalidParameter,
@@ -32,8 +36,6 @@ from microhand_planner.core.errors import (
 )
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.ros.conversions import UM_PER_M
-from microhand_planner.ros.life_sign import give_life_sign
-from microhand_planner.ros.workers import Workers
 from microhand_station.config import StationConfig, read_config
 from microhand_station.message_note import message_note
 from microhand_station.sequencer.emergency import confirm_stop, release_stages
@@ -46,14 +48,9 @@ from microhand_station.sequencer.run_control import CANCELLED, RunControl
 from microhand_station.sequencer.stage_link import StageLink
 from microhand_station.sequencer.states import Event, State
 from microhand_station.sequencer.twin_link import TwinLink
-from stage_driver_sim.lean_node import LeanNode
-from stage_driver_sim.qos import EVENTS, LATCHED, STATE
-from stage_driver_sim.run_node import stop_at_signals
 
-SPIN_S = 0.1
-"""Longest time an idle sequencer takes to notice that it shall end [s]."""
-WIND_DOWN_S = 3.0
-"""Longest time for a run to come to rest and for its record to be closed [s]."""
+INBOX_PERIOD_S = 0.01
+"""Between two looks at what stages and twin report [s]; a stage reports as often."""
 TELL_PERIOD_S = 0.1
 """Feedback and state are published no more often than this, but for the last one [s]."""
 
@@ -97,13 +94,15 @@ class SequencerNode(LeanNode):
         self._events = self.create_publisher(RunEvent, 'events', EVENTS)
         self._deviation = self.create_publisher(ObjectDeviation, '~/object_deviation', STATE)
         self._control = RunControl(self._publish_state)
+        inbox = Inbox(self)
+        self._listening = SteadyThread(inbox.empty, period_s=INBOX_PERIOD_S, name='inbox')
         self._stages = [
-            StageLink(self, finger, config)
+            StageLink(self, inbox, finger, config)
             for finger, config in enumerate(self._config.fingers, start=1)
         ]
         self._recorder = RecorderLink(self)
         self._planner = PlannerLink(self)
-        self._twin = TwinLink(self) if self._config.twin.enabled else None
+        self._twin = TwinLink(self, inbox) if self._config.twin.enabled else None
         self._grasp = Grasp()
         self._workers: Workers[Any] = Workers(self, threads=3)
         self._running: ServerGoalHandle | None = None
@@ -132,20 +131,18 @@ class SequencerNode(LeanNode):
             callback_group=ReentrantCallbackGroup(),
         )
         self._publish_state(State.IDLE)
+        self._listening.start()
 
-    @property
-    def busy(self) -> bool:
-        """Whether a goal is being served."""
-        return self._running is not None
-
-    def wind_down(self) -> None:
-        """Let a run that is under way come to rest; spin until the node is no longer `busy`."""
+    def wind_down(self) -> bool:
+        """Let a run that is under way come to rest; return whether there is one."""
         self._control.cancel()
+        return self._running is not None
 
     def destroy_node(self) -> None:
         """End the threads, then destroy the node."""
         self._control.cancel()
         self._workers.shut_down()
+        self._listening.stop()
         super().destroy_node()
 
     def _read_config(self) -> StationConfig:
@@ -381,28 +378,7 @@ def _reorientation_feedback(progress: Progress) -> Reorient.Feedback:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the sequencer until SIGINT or SIGTERM; a run that is under way is brought to rest."""
-    stopping = stop_at_signals()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = SequencerNode()
-    except ParameterException as error:
-        sys.stderr.write(f'{error}\n')
-        rclpy.shutdown()
-        return 2
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=SPIN_S)
-        node.wind_down()
-        give_up_s = time.monotonic() + WIND_DOWN_S
-        while node.busy and time.monotonic() < give_up_s:
-            executor.spin_once(timeout_sec=SPIN_S)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown()
-    return 0
+    return run_node(SequencerNode, args, still_busy=SequencerNode.wind_down)
 
 
 if __name__ == '__main__':

@@ -10,8 +10,8 @@ from microhand_msgs_py.msg import ErrorCode, Plan
 from microhand_msgs_py.srv import PlanRotation
 from rclpy.node import Node
 
+from microhand_node.life_sign import LifeSign
 from microhand_planner.core.errors import RunFailed
-from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.sequencer.run_control import RunControl
 from microhand_station.service_call import GONE_S, POLL_S, greet
 

@@ -12,10 +12,10 @@ from microhand_msgs_py.msg import Plan
 from microhand_msgs_py.srv import StartRun, StopRun
 from rclpy.node import Node
 
+from microhand_node.life_sign import LifeSign
+from microhand_node.qos import DIAGNOSTICS
 from microhand_planner.core.errors import RunFailed
-from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.service_call import call, greet
-from stage_driver_sim.qos import DIAGNOSTICS
 
 RECORDER_MISSING = 304
 

@@ -13,6 +13,8 @@ from microhand_msgs_py.srv import Command, GetStageLimits
 from rclpy.node import Node
 from rclpy.task import Future
 
+from microhand_node.inbox import Inbox
+from microhand_node.qos import SETPOINTS, STATE
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.pose import FloatArray
 from microhand_planner.core.travel import StageLimits
@@ -21,7 +23,6 @@ from microhand_station.config import FingerConfig
 from microhand_station.sequencer.setpoint_stream import Chunk
 from microhand_station.sequencer.stage_watch import STAGE_MISSING, Mode, StageReport
 from microhand_station.service_call import call
-from stage_driver_sim.qos import SETPOINTS, STATE
 
 NS_PER_S = 1_000_000_000
 
@@ -33,13 +34,15 @@ class StageLink:
     ----------
     node : Node
         Of the sequencer.
+    inbox : Inbox
+        Of that node; the reports of the stage come through it.
     finger : int
         1, 2 or 3.
     config : FingerConfig
         Where the stage stands in the station.
     """
 
-    def __init__(self, node: Node, finger: int, config: FingerConfig) -> None:
+    def __init__(self, node: Node, inbox: Inbox, finger: int, config: FingerConfig) -> None:
         self._finger = finger
         self._config = config
         self._node = node
@@ -48,7 +51,7 @@ class StageLink:
         name = f'finger_{finger}'
         self._topic = f'{name}/setpoints'
         self._setpoints = node.create_publisher(SetpointChunk, self._topic, SETPOINTS)
-        node.create_subscription(StageState, f'{name}/state', self._receive, STATE)
+        inbox.subscribe(StageState, f'{name}/state', self._receive, STATE)
         driver = f'{name}/stage_driver'
         self._limits = node.create_client(GetStageLimits, f'{driver}/get_limits')
         self._stop = node.create_client(Command, f'{driver}/stop')

@@ -9,13 +9,14 @@ from microhand_msgs_py.msg import ObjectState, Plan
 from microhand_msgs_py.srv import Command, LoadObject
 from rclpy.node import Node
 
+from microhand_node.inbox import Inbox
+from microhand_node.life_sign import LifeSign
+from microhand_node.qos import STATE
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.ros.conversions import pose_from_msg
-from microhand_planner.ros.life_sign import LifeSign
 from microhand_station.sequencer.object_watch import TWIN_MISSING, ObjectReport
 from microhand_station.sequencer.stage_link import NS_PER_S
 from microhand_station.service_call import POLL_S, call, greet
-from stage_driver_sim.qos import STATE
 
 LOAD_S = 60.0
 """Longest wait for a world to be built [s]."""
@@ -30,16 +31,18 @@ class TwinLink:
     ----------
     node : Node
         Of the sequencer.
+    inbox : Inbox
+        Of that node; the reports of the object come through it.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, inbox: Inbox) -> None:
         self._node = node
         self._life = LifeSign(node, 'twin')
         self._losses = 0
         self.report: ObjectReport | None = None
         """The last state of the object that arrived, since it was loaded."""
         self._loaded_ns = 0
-        node.create_subscription(ObjectState, 'object_state', self._receive, STATE)
+        inbox.subscribe(ObjectState, 'object_state', self._receive, STATE)
         self._release = node.create_client(Command, 'twin/release')
         self._load = node.create_client(LoadObject, 'twin/load')
 

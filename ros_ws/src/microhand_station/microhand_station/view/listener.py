@@ -23,6 +23,7 @@ from microhand_msgs_py.msg import (
 from microhand_msgs_py.msg import Plan as PlanMsg
 from rclpy.node import Node
 
+from microhand_node.qos import DISPLAY, EVENTS, LATCHED
 from microhand_planner.core.errors import MicrohandError
 from microhand_planner.core.plan import FINGERS, Plan
 from microhand_planner.ros.conversions import (
@@ -37,7 +38,6 @@ from microhand_station.sequencer.progress import Progress
 from microhand_station.sequencer.stage_watch import Mode
 from microhand_station.sequencer.states import State
 from microhand_station.view.snapshot import Contact, Note, Snapshot, Stage, Thing
-from stage_driver_sim.qos import DISPLAY, EVENTS, LATCHED
 
 SILENCE_S = 1.0
 """What was said longer ago than this no longer holds [s]."""

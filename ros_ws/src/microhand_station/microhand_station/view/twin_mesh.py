@@ -10,10 +10,10 @@ from rclpy.node import Node
 from rclpy.task import Future
 from visualization_msgs.msg import MarkerArray
 
+from microhand_node.qos import LATCHED
 from microhand_planner.core.pose import FloatArray
 from microhand_planner.ros.conversions import um_from_m
 from microhand_station.view.figures import Figure, figure_of_mesh
-from stage_driver_sim.qos import LATCHED
 
 SCALE = 'display_scale'
 """Parameter of the twin: its markers are enlarged by it, and only it knows by how much."""

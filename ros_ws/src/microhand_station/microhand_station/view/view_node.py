@@ -18,6 +18,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from microhand_node.run_node import stop_at_signals
 from microhand_planner.core.errors import MicrohandError
 from microhand_station.client import StationClient
 from microhand_station.config import StationConfig, read_config
@@ -29,7 +30,6 @@ from microhand_station.view.page_server import open_page_server
 from microhand_station.view.part_store import PartStore
 from microhand_station.view.station_commands import StationCommands
 from microhand_station.view.twin_mesh import TwinMesh
-from stage_driver_sim.run_node import stop_at_signals
 
 FRAME_S = 0.04
 """Between two pictures [s]."""

@@ -26,27 +26,31 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from microhand_node.inbox import Inbox
+from microhand_node.lean_node import LeanNode
+from microhand_node.life_sign import give_life_sign
+from microhand_node.qos import CONTACT, LATCHED, STATE
+from microhand_node.run_node import run_node
+from microhand_node.steady_thread import SteadyThread
+from microhand_node.workers import Workers
 from microhand_planner.core.catalogue import find_part
 from microhand_planner.core.errors import InvalidPlan, MicrohandError, RunFailed
 from microhand_planner.core.parameters import check_number
 from microhand_planner.core.part import Part
 from microhand_planner.core.plan import FINGERS, Plan
 from microhand_planner.ros.conversions import UM_PER_M, plan_from_msg, um_from_point
-from microhand_planner.ros.life_sign import give_life_sign
-from microhand_planner.ros.workers import Workers
 from microhand_twin.ros.conversions import object_state, tip_contacts
 from microhand_twin.ros.display import finger_markers, object_marker, transforms
 from microhand_twin.ros.follower import Follower
 from microhand_twin.ros.live_world import LiveWorld, ObjectReport
 from microhand_twin.ros.twin_parameters import declare_parameters, read_parameters
 from microhand_twin.world import build_world
-from stage_driver_sim.lean_node import LeanNode
-from stage_driver_sim.qos import CONTACT, LATCHED, STATE
-from stage_driver_sim.run_node import run_node
 
 NS_PER_S = 1_000_000_000
 CONTACT_PERIOD_S = 0.05
 """Contacts are reported at every change, and no less often than this [s]."""
+INBOX_PERIOD_S = 0.005
+"""Between two looks at what the stages report [s]: half a period of theirs."""
 HEARD_S = 3.5
 """Longest wait for the first states of the stages [s]."""
 TF_MESSAGES = 'tf2_msgs'
@@ -81,10 +85,12 @@ class TwinNode(LeanNode):
         self._publish_transforms = self._transform_publisher()
         self._follower = Follower(self._tell, self.get_logger().fatal)
         self._workers: Workers[None] = Workers(self, threads=1)
+        inbox = Inbox(self)
         for finger in range(1, FINGERS + 1):
-            self.create_subscription(
+            inbox.subscribe(
                 StageState, f'finger_{finger}/state', partial(self._hear, finger), STATE
             )
+        self._listening = SteadyThread(inbox.empty, period_s=INBOX_PERIOD_S, name='inbox')
         # a coroutine holds its group until it is done
         for kind, name, serve in (
             (LoadObject, '~/load', self._load),
@@ -94,10 +100,12 @@ class TwinNode(LeanNode):
                 kind, name, partial(self._answer, serve), callback_group=ReentrantCallbackGroup()
             )
         self._follower.start()
+        self._listening.start()
 
     def destroy_node(self) -> None:
         """End the threads, then destroy the node."""
         self._workers.shut_down()
+        self._listening.stop()
         self._follower.stop()
         super().destroy_node()
 

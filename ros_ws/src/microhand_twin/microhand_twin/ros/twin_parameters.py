@@ -10,11 +10,11 @@ import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from microhand_node.parameter_spec import ParameterSpec, declare_specs
 from microhand_planner.core.parameters import ContactLaw
 from microhand_planner.core.plan import FINGERS
 from microhand_planner.core.pose import FloatArray
 from microhand_planner.ros.conversions import UN_PER_N, um_from_m
-from stage_driver_sim.parameter_spec import ParameterSpec, declare_specs
 
 AS_PLANNED = -1.0
 """Of friction and pull-off force: what the plan assumes is true."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thread that publishes what the control loop saw, at a steady rate.
+"""A thread that does something again and again, at a steady rate.
 
-Neither the control loop publishes, which DDS could delay, nor a timer of rclpy: for every tick of
-a timer the executor goes through all services of the node, which costs as much as the control.
+For what must not wait for the executor of a node, nor keep it: for every tick of a timer of rclpy
+the executor goes through all services of the node.
 """
 
 from __future__ import annotations
@@ -12,38 +12,41 @@ import time
 from collections.abc import Callable
 
 
-class Reporter:
+class SteadyThread:
     """Calls a function at absolute deadlines, in a thread of its own.
 
     Parameters
     ----------
-    report : callable
+    action : callable
         What to do; must not raise.
     period_s : float
         Time between two calls [s].
+    name : str
+        Of the thread.
     """
 
-    def __init__(self, report: Callable[[], None], *, period_s: float) -> None:
-        self._report = report
+    def __init__(self, action: Callable[[], None], *, period_s: float, name: str) -> None:
+        self._action = action
         self._period_s = period_s
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='reporter')
+        self._thread = threading.Thread(target=self._run, name=name)
 
     def start(self) -> None:
-        """Begin to report."""
+        """Begin."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Report once more, end the thread, and return when it is gone."""
+        """Act once more, end the thread, and return when it is gone."""
         self._stopping.set()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
 
     def _run(self) -> None:
         deadline_s = time.monotonic()
         while not self._stopping.is_set():
-            self._report()
+            self._action()
             now_s = time.monotonic()
-            # Reports that are late are left out, not made up for.
+            # Calls that are late are left out, not made up for.
             deadline_s = max(deadline_s + self._period_s, now_s)
             time.sleep(deadline_s - now_s)
-        self._report()
+        self._action()

@@ -25,7 +25,7 @@ SETPOINTS = _reliable(100, DurabilityPolicy.VOLATILE)
 STATE = _reliable(100, DurabilityPolicy.VOLATILE)
 """``finger_N/state``: half a second at the default rate."""
 
-CONTACT = _reliable(10, DurabilityPolicy.VOLATILE)
+CONTACT = _reliable(100, DurabilityPolicy.VOLATILE)
 """``finger_N/contact``: only the latest counts, but the one that says "touched" must arrive."""
 
 EVENTS = _reliable(100, DurabilityPolicy.TRANSIENT_LOCAL)

@@ -10,7 +10,7 @@ import sys
 CHILD = """
 import ctypes, sys
 from rclpy.node import Node
-from stage_driver_sim import run_node
+from microhand_node import run_node
 
 class Hanging(Node):
     def destroy_node(self):

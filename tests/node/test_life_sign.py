@@ -10,12 +10,12 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from microhand_planner.ros.life_sign import LifeSign, ProcessId
+from microhand_node.life_sign import LifeSign, ProcessId
 
 DEADLINE_S = 20.0
 OTHER = """
 import rclpy
-from microhand_planner.ros.life_sign import give_life_sign
+from microhand_node.life_sign import give_life_sign
 rclpy.init()
 node = rclpy.create_node('other', namespace='life')
 give_life_sign(node)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 import time
 
-from stage_driver_sim.reporter import Reporter
+from microhand_node.steady_thread import SteadyThread
 
 DEADLINE_S = 5.0
 
@@ -21,7 +21,7 @@ def test_it_reports_at_its_rate_and_once_more_at_the_end() -> None:
         if len(times_s) == 20:
             enough.set()
 
-    reporter = Reporter(report, period_s=0.005)
+    reporter = SteadyThread(report, period_s=0.005, name='reporter')
     reporter.start()
     assert enough.wait(DEADLINE_S)
     assert times_s[19] - times_s[0] > 0.5 * 19 * 0.005  # single reports may be late
@@ -43,7 +43,7 @@ def test_a_slow_report_is_not_made_up_for() -> None:
         if len(times_s) == 8:
             enough.set()
 
-    reporter = Reporter(report, period_s=0.01)
+    reporter = SteadyThread(report, period_s=0.01, name='reporter')
     reporter.start()
     assert enough.wait(DEADLINE_S)
     reporter.stop()

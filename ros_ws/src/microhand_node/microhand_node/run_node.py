@@ -7,7 +7,9 @@ import faulthandler
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -19,6 +21,11 @@ HANGS_S = 60.0
 """A node that has not ended so long after it was told to hangs in the middleware [s]."""
 STOP_LATENCY_S = 0.1
 """Longest time an idle node takes to notice that it shall end."""
+
+WIND_DOWN_S = 3.0
+"""Longest time for what is under way to come to rest before a node ends [s]."""
+
+NodeT = TypeVar('NodeT', bound=Node)
 
 
 def stop_at_signals() -> threading.Event:
@@ -38,7 +45,12 @@ def stop_at_signals() -> threading.Event:
     return stopping
 
 
-def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run_node(
+    make_node: Callable[[], NodeT],
+    args: Sequence[str] | None = None,
+    *,
+    still_busy: Callable[[NodeT], bool] = lambda _: False,
+) -> int:
     """Run a node until SIGINT or SIGTERM and return the exit status of the process.
 
     The signals end the loop between two callbacks; the context stays valid until the node is
@@ -51,6 +63,9 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         Returns the node; called once ROS is up.
     args : sequence of str, optional
         Command line; default: that of the process.
+    still_busy : callable
+        Asked again and again once the node shall end, which goes on until then, or until
+        `WIND_DOWN_S` have passed.
 
     Returns
     -------
@@ -71,6 +86,9 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     executor.add_node(node)
     try:
         while not stopping.is_set():
+            executor.spin_once(timeout_sec=STOP_LATENCY_S)
+        give_up_s = time.monotonic() + WIND_DOWN_S
+        while still_busy(node) and time.monotonic() < give_up_s:
             executor.spin_once(timeout_sec=STOP_LATENCY_S)
     finally:
         executor.shutdown()

@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     for item in items:
         if in_real_time(item.nodeid):
-            item.add_marker(pytest.mark.flaky(reruns=2))
+            item.add_marker(pytest.mark.flaky(reruns=int(os.environ.get('RR', '2'))))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

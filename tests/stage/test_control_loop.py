@@ -12,7 +12,7 @@ import pytest
 
 from stage_driver_sim import control_loop
 from stage_driver_sim.chunk import Chunk
-from stage_driver_sim.control_loop import ControlLoop
+from stage_driver_sim.control_loop import REST_PERIOD_S, ControlLoop
 from stage_driver_sim.controller import ControllerSettings, Mode, StageController
 from stage_driver_sim.errors import NotAllowed, StageError
 from stage_driver_sim.presets import REPRESENTATIVE_100_UM_XYZ
@@ -112,8 +112,49 @@ def test_a_loop_that_breaks_reports_a_fault(monkeypatch: pytest.MonkeyPatch) -> 
     loop.stop()
 
 
+def test_at_rest_it_ticks_seldom_and_at_once_when_there_is_something_to_do() -> None:
+    """A stage on its target rests most of the time; an order does not wait for the rest to end."""
+    loop = make_loop()
+    loop.start()
+    try:
+        wait_until(lambda: loop.snapshot().on_target)
+        loop.take_timing()
+        wait_until(lambda: loop._timing.wall_s > 0.3)
+        timing = loop.take_timing()
+        waits_s = []
+        for _ in range(20):
+            asked_s = time.monotonic()
+            waits_s.append(loop.ask(lambda controller, now_s: now_s) - asked_s)
+    finally:
+        loop.stop()
+    assert timing.resting_s > 0.5 * timing.wall_s
+    assert min(waits_s) < 0.5 * REST_PERIOD_S
+
+
+def test_it_looks_for_work_that_waits_elsewhere() -> None:
+    """What is found there is done in the same tick, in motion and at rest."""
+    waiting: list[str] = []
+    done: list[str] = []
+    loop = make_loop()
+
+    def look_for_work() -> None:
+        while waiting:
+            loop.tell(lambda controller, now_s, order=waiting.pop(): done.append(order))
+
+    loop._look_for_work = look_for_work
+    loop.start()
+    try:
+        for order in ('early', 'late'):
+            waiting.append(order)
+            wait_until(lambda order=order: order in done)
+            wait_until(lambda: loop.snapshot().on_target)
+    finally:
+        loop.stop()
+    assert done == ['early', 'late']
+
+
 def test_it_keeps_its_rate_and_says_how_well() -> None:
-    """Ticks done and ticks missed add up to the time passed; the report starts anew each time."""
+    """Ticks done, ticks missed and rests add up to the time passed; each report starts anew."""
     loop = make_loop()
     loop.start()
     try:
@@ -121,6 +162,7 @@ def test_it_keeps_its_rate_and_says_how_well() -> None:
         timing = loop.take_timing()
     finally:
         loop.stop()
-    assert (timing.ticks + timing.missed) * 0.002 == pytest.approx(timing.wall_s, abs=0.01)
+    spent_s = (timing.ticks + timing.missed) * 0.002 + timing.resting_s
+    assert spent_s == pytest.approx(timing.wall_s, abs=0.01)
     assert 0.0 < timing.cpu_s < timing.wall_s
     assert loop.take_timing().wall_s < timing.wall_s

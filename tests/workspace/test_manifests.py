@@ -68,7 +68,7 @@ def imported(package: str) -> set[str]:
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_manifest_declares_what_is_imported(package: str) -> None:
-    """The manifest names each ROS package and library that the code imports or starts, and no other."""
+    """The manifest names each package and library that the code imports or starts, no other."""
     needed = (imported(package) - NOT_IN_ROSDEP) | STARTED.get(package, set())
     assert declared(package) == needed | (FOR_TRIMESH if 'trimesh' in needed else set())
 

@@ -8,6 +8,7 @@ a hundred times a second looks into its inbox instead, as often as it acts on wh
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -44,7 +45,7 @@ class _Letter:
 
 
 class Inbox:
-    """Subscriptions of a node that are emptied on demand, by any thread, one at a time.
+    """Subscriptions of a node that are emptied on demand, by any of its threads.
 
     Parameters
     ----------
@@ -56,6 +57,7 @@ class Inbox:
         self._node = node
         self._group = NeverWaitedFor()
         self._boxes: list[tuple[Subscription, Callable[..., None]]] = []
+        self._lock = threading.Lock()
 
     def subscribe(
         self,
@@ -88,12 +90,13 @@ class Inbox:
 
     def empty(self) -> None:
         """Hand over what has arrived, oldest first, whatever its topic."""
-        letters: list[_Letter] = []
-        for subscription, callback in self._boxes:
-            letters += _take_all(subscription, callback)
-        letters.sort(key=attrgetter('received_ns'))
-        for letter in letters:
-            letter.deliver()
+        with self._lock:
+            letters: list[_Letter] = []
+            for subscription, callback in self._boxes:
+                letters += _take_all(subscription, callback)
+            letters.sort(key=attrgetter('received_ns'))
+            for letter in letters:
+                letter.deliver()
 
 
 def _take_all(subscription: Subscription, callback: Callable[..., None]) -> list[_Letter]:

@@ -3,6 +3,9 @@
 
 Nothing else touches controller and stage while it runs. Others hand it work and read what it saw;
 they meet in a queue, and under one lock that is held for assignments only.
+
+While the stage rests on its target nothing depends on the exact moment: the loop looks after it
+every `REST_PERIOD_S`, or as soon as there is something to do.
 """
 
 from __future__ import annotations
@@ -12,13 +15,17 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent import futures
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 from stage_driver_sim.controller import StageController
 from stage_driver_sim.errors import StageError
 from stage_driver_sim.snapshot import Event, Mode, Snapshot
 
+LOOK_PERIOD_S = 0.002
+"""Between two looks for work that waits elsewhere [s], such as contact that stops a finger."""
+REST_PERIOD_S = 0.005
+"""Between two ticks of a stage at rest [s]: still twice for each state that is published."""
 ANSWER_TIMEOUT_S = 0.5
 """Longest wait for the loop to do what it is asked; usually it takes one period."""
 
@@ -37,6 +44,8 @@ class LoopTiming:
         Ticks left out because the one before ended after their deadline.
     worst_late_s : float
         Longest delay of a tick behind its deadline [s].
+    resting_s : float
+        Time passed between ticks because the stage stood still on its target [s].
     wall_s, cpu_s : float
         Time passed, and processor time of the thread in it [s].
     """
@@ -44,6 +53,7 @@ class LoopTiming:
     ticks: int = 0
     missed: int = 0
     worst_late_s: float = 0.0
+    resting_s: float = 0.0
     wall_s: float = 0.0
     cpu_s: float = 0.0
 
@@ -57,13 +67,23 @@ class ControlLoop:
         Handed over: nobody else may call it until `stop` has returned.
     period_s : float
         Time between two ticks [s].
+    look_for_work : callable
+        Called every `LOOK_PERIOD_S`, in the thread of the loop: it can `tell`; must not raise.
     """
 
-    def __init__(self, controller: StageController, *, period_s: float) -> None:
+    def __init__(
+        self,
+        controller: StageController,
+        *,
+        period_s: float,
+        look_for_work: Callable[[], None] = lambda: None,
+    ) -> None:
         self._controller = controller
         self._period_s = period_s
+        self._look_for_work = look_for_work
         self._work: deque[Callable[[StageController, float], object]] = deque()
         self._stopping = threading.Event()
+        self._news = threading.Event()
         self._thread = threading.Thread(target=self._run, name='control loop')
         self._lock = threading.Lock()
         self._snapshot = controller.tick(time.monotonic())
@@ -82,6 +102,7 @@ class ControlLoop:
     def stop(self) -> None:
         """Bring the stage to rest, end the thread, and return when it is gone."""
         self._stopping.set()
+        self._news.set()
         self._thread.join()
 
     def tell(self, action: Callable[[StageController, float], object]) -> None:
@@ -93,6 +114,7 @@ class ControlLoop:
             Gets the controller and the time [s]; must not raise.
         """
         self._work.append(action)
+        self._news.set()
 
     def ask(self, action: Callable[[StageController, float], Result]) -> Result:
         """Have `action` done before the next tick and return its result.
@@ -142,8 +164,7 @@ class ControlLoop:
             # Whoever reads the state must learn that nobody controls the stage any more.
             text = f'the control loop ended: {type(error).__name__}: {error}'
             with self._lock:
-                self._snapshot = replace(
-                    self._snapshot,
+                self._snapshot = self._snapshot._replace(
                     mode=Mode.FAULT,
                     on_target=False,
                     error_code=StageError.code,
@@ -154,8 +175,14 @@ class ControlLoop:
     def _tick_until_stopped(self) -> None:
         deadline_s = time.monotonic()
         counted_s, counted_cpu_s = deadline_s, time.thread_time()
+        rested_s = 0.0
+        look_s = deadline_s
         while True:
+            self._news.clear()
             now_s = time.monotonic()
+            if now_s >= look_s:
+                look_s = now_s + LOOK_PERIOD_S - 0.5 * self._period_s
+                self._look_for_work()
             while self._work:
                 self._work.popleft()(self._controller, now_s)
             ending = self._stopping.is_set()
@@ -173,14 +200,26 @@ class ControlLoop:
             with self._lock:
                 self._snapshot = snapshot
                 self._events += events
+                timing = self._timing
                 self._timing = LoopTiming(
-                    self._timing.ticks + 1,
-                    self._timing.missed + missed,
-                    max(self._timing.worst_late_s, late_s),
-                    self._timing.wall_s + end_s - counted_s,
-                    self._timing.cpu_s + end_cpu_s - counted_cpu_s,
+                    timing.ticks + 1,
+                    timing.missed + missed,
+                    max(timing.worst_late_s, late_s),
+                    timing.resting_s + rested_s,
+                    timing.wall_s + end_s - counted_s,
+                    timing.cpu_s + end_cpu_s - counted_cpu_s,
                 )
             counted_s, counted_cpu_s = end_s, end_cpu_s
             if ending and not self._controller.moving:
                 return
             time.sleep(max(0.0, deadline_s - time.monotonic()))
+            rested_s = 0.0
+            if snapshot.on_target and not self._controller.moving:
+                rested_s = self._rest()
+                deadline_s += rested_s
+
+    def _rest(self) -> float:
+        """Wait for something to do, or for the end of the rest; return how long it took [s]."""
+        begin_s = time.monotonic()
+        self._news.wait(REST_PERIOD_S - self._period_s)
+        return time.monotonic() - begin_s

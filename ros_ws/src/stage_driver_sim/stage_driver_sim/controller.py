@@ -48,6 +48,9 @@ from stage_driver_sim.snapshot import Event, Mode, Snapshot
 VELOCITY_FILTER_S = 0.005
 """Time constant of the velocity estimate: turns 1 nm of noise at 1 kHz into 0.4 µm/s."""
 
+NOWHERE_UM: Vector = np.full(3, np.nan)
+NOWHERE_UM.setflags(write=False)
+
 
 @dataclass(frozen=True)
 class ControllerSettings:
@@ -147,7 +150,7 @@ class StageController:
             error_code=self._error_code,
             error_msg=self._error_msg,
             guard_tripped=self._contact_um is not None,
-            contact_um=np.full(3, np.nan) if self._contact_um is None else self._contact_um,
+            contact_um=NOWHERE_UM if self._contact_um is None else self._contact_um,
         )
 
     def accept(self, chunk: Chunk, now_s: float) -> None:

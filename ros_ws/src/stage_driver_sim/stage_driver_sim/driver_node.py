@@ -24,7 +24,9 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from microhand_node import qos
+from microhand_node.inbox import Inbox
 from microhand_node.lean_node import LeanNode
+from microhand_node.life_sign import give_life_sign
 from microhand_node.run_node import run_node
 from microhand_node.steady_thread import SteadyThread
 from stage_driver_sim.control_loop import ControlLoop, LoopTiming
@@ -84,6 +86,7 @@ class StageDriverNode(LeanNode, LifecycleNode):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('stage_driver', **node_options)
+        give_life_sign(self)
         declare_parameters(self)
         self._configured: DriverParameters | None = None
         self._stage: FaultyStage | RemoteStage | None = None
@@ -94,8 +97,9 @@ class StageDriverNode(LeanNode, LifecycleNode):
         self._state = self.create_lifecycle_publisher(StageState, 'state', qos.STATE)
         self._events = self.create_publisher(RunEvent, 'events', qos.EVENTS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
-        self.create_subscription(SetpointChunk, 'setpoints', self._on_chunk, qos.SETPOINTS)
-        self.create_subscription(TipContact, 'contact', self._on_contact, qos.CONTACT)
+        self._inbox = Inbox(self)
+        self._inbox.subscribe(SetpointChunk, 'setpoints', self._on_chunk, qos.SETPOINTS)
+        self._inbox.subscribe(TipContact, 'contact', self._on_contact, qos.CONTACT)
         for name, action in (
             ('stop', StageController.stop),
             ('home', StageController.home),
@@ -144,7 +148,10 @@ class StageDriverNode(LeanNode, LifecycleNode):
         except StageError as error:
             self.get_logger().error(f'the stage cannot be taken over: {error}')
             return TransitionCallbackReturn.FAILURE
-        self._loop = ControlLoop(controller, period_s=self._configured.control_period_s)
+        self._inbox.empty()  # what was sent to an inactive driver is not for an active one
+        self._loop = ControlLoop(
+            controller, period_s=self._configured.control_period_s, look_for_work=self._inbox.empty
+        )
         report = partial(self._report, self._loop, f'finger_{self._configured.finger}_base')
         self._reporter = SteadyThread(
             report, period_s=self._configured.state_period_s, name='reporter'
@@ -316,6 +323,8 @@ class StageDriverNode(LeanNode, LifecycleNode):
 
     def _publish_diagnostics(self) -> None:
         loop = self._loop
+        if loop is None:
+            self._inbox.empty()
         status = stage_status(
             self.get_fully_qualified_name(),
             '' if self._stage is None else self._stage.hardware_id,

@@ -150,6 +150,10 @@ class FaultyStage:
 
     def command_um(self, position_um: Vector, now_s: float) -> None:
         """Go to a position, as far as the fault allows it."""
+        if self._settings.fault is Fault.NONE:
+            self._stage.command_um(position_um, now_s)
+            self._wanted_um = position_um
+            return
         self._require_answer()
         self.limits.check_positions(position_um)
         if not self.servo_on:
@@ -169,8 +173,6 @@ class FaultyStage:
                 self._require_within(self._wanted_um, reached_um)
             case Fault.DRIFTING:
                 self._carry_on(now_s)
-            case _:
-                self._stage.command_um(position_um, now_s)
 
     def measure_um(self, now_s: float) -> Vector:
         """Return the latest sensor readings [µm]."""
@@ -214,7 +216,7 @@ class FaultyStage:
 
     def _carry_on(self, now_s: float) -> None:
         """Do what a fault does by itself."""
-        if not self.servo_on or self._stage.is_homing(now_s):
+        if self._settings.fault is Fault.NONE or not self.servo_on or self._stage.is_homing(now_s):
             return
         if self._settings.fault is Fault.LATE:
             while self._pending and self._pending[0][0] <= now_s:

@@ -83,15 +83,16 @@ class SetpointStream:
         begin = after - 1
         h = self.times_s[after] - self.times_s[begin]
         s = (time_s - self.times_s[begin]) / h
+        rest = 1.0 - s
         p0, p1 = self.positions_um[begin], self.positions_um[after]
-        m0, m1 = h * self.velocities_um_s[begin], h * self.velocities_um_s[after]
+        v0, v1 = self.velocities_um_s[begin], self.velocities_um_s[after]
+        share = s * s * (1.0 + 2.0 * rest)
+        slope = 6.0 * s * rest / h
         rise = p1 - p0
-        quadratic = 3.0 * rise - 2.0 * m0 - m1
-        cubic = m0 + m1 - 2.0 * rise
         return StreamCommand(
             Phase.RUNNING,
-            p0 + s * (m0 + s * (quadratic + s * cubic)),
-            (m0 + s * (2.0 * quadratic + 3.0 * s * cubic)) / h,
+            p0 + share * rise + (h * s * rest * rest) * v0 - (h * s * s * rest) * v1,
+            slope * rise + (rest * (1.0 - 3.0 * s)) * v0 - (s * (2.0 - 3.0 * s)) * v1,
         )
 
 

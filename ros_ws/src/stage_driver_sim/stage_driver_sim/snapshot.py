@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from stage_driver_sim.protocol import Vector
 
@@ -29,8 +30,7 @@ class Event:
     text: str
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(NamedTuple):
     """What the stage does at one moment: becomes a ``StageState``.
 
     `time_s` is when the position was measured; of a stage that has fallen silent it stands still.

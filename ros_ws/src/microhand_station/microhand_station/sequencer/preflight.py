@@ -95,6 +95,8 @@ class Preflight:
         check_forces(plan)
         self._wait_for(self._check_heard, ANSWER_S)
         self._wait_for(self._check_ready, READY_S)
+        for stage in self._stages:
+            stage.expect()
         limits = tuple(stage.limits(ANSWER_S) for stage in self._stages)
         slowest_um_s = min(stage.max_velocity_um_s for stage in limits)
         config = self._config

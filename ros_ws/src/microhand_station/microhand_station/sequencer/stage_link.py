@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from microhand_node.inbox import Inbox
+from microhand_node.life_sign import LifeSign
 from microhand_node.qos import SETPOINTS, STATE
 from microhand_planner.core.errors import RunFailed
 from microhand_planner.core.pose import FloatArray
@@ -46,16 +47,33 @@ class StageLink:
         self._finger = finger
         self._config = config
         self._node = node
-        self.report: StageReport | None = None
-        """The last state that arrived."""
+        self._inbox = inbox
+        self._report: StageReport | None = None
         name = f'finger_{finger}'
         self._topic = f'{name}/setpoints'
         self._setpoints = node.create_publisher(SetpointChunk, self._topic, SETPOINTS)
         inbox.subscribe(StageState, f'{name}/state', self._receive, STATE)
         driver = f'{name}/stage_driver'
+        self._life = LifeSign(node, driver)
+        self._losses = 0
         self._limits = node.create_client(GetStageLimits, f'{driver}/get_limits')
         self._stop = node.create_client(Command, f'{driver}/stop')
         self._reset = node.create_client(Command, f'{driver}/reset')
+
+    @property
+    def report(self) -> StageReport | None:
+        """The last state that arrived, even if this process had no time to look until now."""
+        self._inbox.empty()
+        return self._report
+
+    def expect(self) -> None:
+        """Take the driver that is there now for the one that a run is executed by."""
+        self._losses = self._life.losses
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the driver that was expected has ended, even if there is another one now."""
+        return self._life.losses != self._losses
 
     def limits(self, deadline_s: float) -> StageLimits:
         """Ask the driver what its stage can do.
@@ -103,15 +121,17 @@ class StageLink:
         RunFailed
             STAGE_MISSING: the stage has not reported yet.
         """
-        if self.report is None:
+        report = self.report
+        if report is None:
             raise RunFailed(f'finger {self._finger}: nothing heard of its stage', STAGE_MISSING)
-        return self._config.limits.to_station(self.report.command_um)
+        return self._config.limits.to_station(report.command_um)
 
     def contact_um(self) -> FloatArray:
         """Where the tip was when it touched, station frame, (3,) [µm]; NaN: it did not."""
-        if self.report is None or not self.report.guard_tripped:
+        report = self.report
+        if report is None or not report.guard_tripped:
             return np.full(3, np.nan)
-        return self._config.limits.to_station(self.report.contact_um)
+        return self._config.limits.to_station(report.contact_um)
 
     def send(
         self, chunk: Chunk, stream: int, begin_ns: int, period_s: float, guarded: bool
@@ -172,7 +192,7 @@ class StageLink:
 
     def _receive(self, state: StageState) -> None:
         """Keep a report."""
-        self.report = StageReport(
+        self._report = StageReport(
             arrived_s=time.monotonic(),
             mode=Mode(state.mode),
             position_um=um_from_point(state.position),

@@ -15,8 +15,8 @@ STAGE_FAULT = 301
 STREAM_BROKEN = 303
 NO_CONTACT = 310
 
-SILENCE_S = 0.5
-"""A stage that has not reported for longer is gone [s]."""
+SILENCE_S = 0.9
+"""A stage that has not reported for longer is gone [s]; that its driver ended is known before."""
 
 
 class Mode(IntEnum):

@@ -206,11 +206,15 @@ class Streamer:
             give_up_s = time.monotonic() + STOP_S
             while time.monotonic() < give_up_s:
                 now_s = time.monotonic()
-                there = [r for r in self.reports() if r and now_s - r.arrived_s < SILENCE_S]
-                if all(report.mode in stopped for report in there):
+                if all(report.mode in stopped for report in self._still_there(now_s)):
                     break
                 self._control.wait(now_s + LOOK_S)
         raise broken
+
+    def _still_there(self, now_s: float) -> list[StageReport]:
+        """Return the reports of the stages whose drivers neither ended nor fell silent."""
+        alive = [stage.report for stage in self._stages if not stage.has_ended]
+        return [report for report in alive if report and now_s - report.arrived_s < SILENCE_S]
 
     def _check_settled(self, number: int, setpoints: int) -> None:
         """Raise unless every stage has the stream, and holds as near its end as is tolerated."""
@@ -224,12 +228,19 @@ class Streamer:
         """Return what speaks against going on, if anything does."""
         try:
             self._control.check_orders()
+            self._check_ended()
             check_alive(self.reports(), time.monotonic())
             self._path.check(self.reports())
             self._check_others(planned_at)
         except RunFailed as error:
             return error
         return None
+
+    def _check_ended(self) -> None:
+        """Raise if a driver has ended: known long before its silence is noticed."""
+        for finger, stage in enumerate(self._stages, start=1):
+            if stage.has_ended:
+                raise RunFailed(f'finger {finger}: its stage driver has ended', STAGE_MISSING)
 
 
 def pose_at(trajectory: Trajectory, setpoint: int) -> Pose:

@@ -39,12 +39,18 @@ class TwinLink:
         self._node = node
         self._life = LifeSign(node, 'twin')
         self._losses = 0
-        self.report: ObjectReport | None = None
-        """The last state of the object that arrived, since it was loaded."""
+        self._inbox = inbox
+        self._report: ObjectReport | None = None
         self._loaded_ns = 0
         inbox.subscribe(ObjectState, 'object_state', self._receive, STATE)
         self._release = node.create_client(Command, 'twin/release')
         self._load = node.create_client(LoadObject, 'twin/load')
+
+    @property
+    def report(self) -> ObjectReport | None:
+        """The last state of the object that arrived, since it was loaded."""
+        self._inbox.empty()
+        return self._report
 
     def load(self, plan: Plan, object_name: str, unit_m: float, deadline_s: float) -> None:
         """Have the object of a plan put where the plan begins; nothing moves.
@@ -75,7 +81,7 @@ class TwinLink:
             raise RunFailed(f'twin: {answer.error_msg}', answer.error_code)
         # what the twin said about the object before this one may still be under way
         self._loaded_ns = self._node.get_clock().now().nanoseconds
-        self.report = None
+        self._report = None
         give_up_s = time.monotonic() + REPORT_S
         while self.report is None:
             if time.monotonic() > give_up_s:
@@ -116,7 +122,7 @@ class TwinLink:
         stamp_ns = state.header.stamp.sec * NS_PER_S + state.header.stamp.nanosec
         if stamp_ns < self._loaded_ns:
             return
-        self.report = ObjectReport(
+        self._report = ObjectReport(
             arrived_s=time.monotonic(),
             stamp_ns=stamp_ns,
             pose=pose_from_msg(state.pose),

@@ -137,9 +137,13 @@ def test_it_looks_for_work_that_waits_elsewhere() -> None:
     done: list[str] = []
     loop = make_loop()
 
-    def look_for_work() -> None:
+    def do_all(controller: StageController, now_s: float) -> None:
         while waiting:
-            loop.tell(lambda controller, now_s, order=waiting.pop(): done.append(order))
+            done.append(waiting.pop())
+
+    def look_for_work() -> None:
+        if waiting:
+            loop.tell(do_all)
 
     loop._look_for_work = look_for_work
     loop.start()

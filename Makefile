@@ -62,7 +62,7 @@ help:  ## list the commands
 	@echo
 	@echo 'Everything sets up .venv first if needed. PYTHON=python3.12 make setup chooses the Python (3.10 to 3.13).'
 
-setup: | $(WARM_READY)  ## make .venv: pinned packages, interfaces, the four Python packages
+setup: | $(WARM_READY)  ## make .venv: pinned packages, interfaces, the five Python packages
 	@echo 'Ready: $(BIN)/microhand --help'
 
 run: setup  ## reorient the ellipsoid of examples/ on a simulated station, record it, say how it went
@@ -87,7 +87,7 @@ docs: setup  ## build the documentation site; a dead link, or any other warning,
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs
 	@echo 'Open build/docs/index.html'
 
-# The same five packages by colcon, in an environment of its own, so that nothing can come from .venv.
+# The same six packages by colcon, in an environment of its own, so that nothing can come from .venv.
 # MAKEFLAGS keeps colcon from adding a load limit, which stalls the build on a busy machine.
 COLCON := build/$(TAG)/colcon
 COLCON_PYTHON := $(CURDIR)/$(TOOLS)/bin/python

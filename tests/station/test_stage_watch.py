@@ -52,7 +52,7 @@ def test_good_reports_pass():
 
 
 def test_silence_is_a_missing_stage():
-    """Half a second without a report, or none ever, is STAGE_MISSING and names the finger."""
+    """Too long without a report, or none ever, is STAGE_MISSING and names the finger."""
     code, text = fault(arrived_s=9.0)
     assert code == ErrorCode.STAGE_MISSING
     assert text.startswith('finger 2: its stage driver has been silent for 1.10 s')

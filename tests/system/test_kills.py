@@ -134,7 +134,7 @@ def driver_dies(scene):
     """Let it die: STAGE_MISSING names the finger; the other two stop; the record is whole."""
     error = scene.kill_rolling('finger_2')
     assert error.code == ErrorCode.STAGE_MISSING
-    assert 'finger 2: its stage driver has been silent' in str(error)
+    assert 'finger 2: its stage driver has ended' in str(error)
     scene.watcher.wait_state(SequencerState.IDLE)
     scene.wait_modes(StageState.STOPPED, None, StageState.STOPPED)
     assert end_of(error.execution.record_file) == 'complete'

@@ -11,8 +11,8 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-END_S = 6.0
-"""Longest time that a process gets to end by itself [s]."""
+END_S = 20.0
+"""Longest time that a process gets to end by itself [s]: a recorder may be packing its file."""
 POLL_S = 0.02
 
 

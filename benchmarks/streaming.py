@@ -30,6 +30,7 @@ from machine_probe import MachineProbe
 from microhand_msgs_py.msg import StageState
 from numpy.typing import NDArray
 
+from microhand_node.inbox import Inbox
 from microhand_node.qos import STATE
 from microhand_planner.ros.conversions import um_from_point
 from microhand_station.bringup.lifecycle import activate
@@ -147,7 +148,8 @@ def ours(rate_hz: float, seconds: float, folder: Path) -> dict[str, Any]:
     try:
         with StationClient(CONFIG.namespace) as client:
             listener = Listener(client)
-            links = [StageLink(client.node, f, CONFIG.fingers[f - 1]) for f in (1, 2, 3)]
+            inbox = Inbox(client.node)  # only what is sent is measured here
+            links = [StageLink(client.node, inbox, f, CONFIG.fingers[f - 1]) for f in (1, 2, 3)]
             for finger in (1, 2, 3):
                 name = f'finger_{finger}'
                 activate(client.node, f'{name}/stage_driver', who=name, deadline_s=60.0)

@@ -23,7 +23,7 @@ SETPOINTS = _reliable(100, DurabilityPolicy.VOLATILE)
 """``finger_N/setpoints``. Volatile: old setpoints must not reach a driver that starts late."""
 
 STATE = _reliable(100, DurabilityPolicy.VOLATILE)
-"""``finger_N/state``: half a second at the default rate."""
+"""``finger_N/state``: one second at the default rate, 100 Hz."""
 
 CONTACT = _reliable(100, DurabilityPolicy.VOLATILE)
 """``finger_N/contact``: only the latest counts, but the one that says "touched" must arrive."""

@@ -21,7 +21,6 @@ HANGS_S = 60.0
 """A node that has not ended so long after it was told to hangs in the middleware [s]."""
 STOP_LATENCY_S = 0.1
 """Longest time an idle node takes to notice that it shall end."""
-
 WIND_DOWN_S = 3.0
 """Longest time for what is under way to come to rest before a node ends [s]."""
 

@@ -52,7 +52,7 @@ _RUN_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,99}')
 _UNDER_WAY_S = 0.1
 _POLL_S = 0.02
 INBOX_PERIOD_S = 0.02
-"""Between two looks at the topics of many messages [s]; each keeps half a second of them."""
+"""Between two looks at the topics of many messages [s]; each keeps a second of them or more."""
 STATUS_PERIOD_S = 1.0
 """Between two reports on ``/diagnostics`` [s]."""
 

@@ -132,7 +132,7 @@ def test_at_rest_it_ticks_seldom_and_at_once_when_there_is_something_to_do() -> 
 
 
 def test_it_looks_for_work_that_waits_elsewhere() -> None:
-    """What is found there is done in the same tick, in motion and at rest."""
+    """What is found there is done in the order in which it came, in motion and at rest."""
     waiting: list[str] = []
     done: list[str] = []
     loop = make_loop()
@@ -155,6 +155,37 @@ def test_it_looks_for_work_that_waits_elsewhere() -> None:
     finally:
         loop.stop()
     assert done == ['early', 'late']
+
+
+def test_a_loop_that_was_kept_from_running_looks_before_it_calls_a_stream_dry() -> None:
+    """The rest of a stream arrives in time, but the loop is away beyond its end: no underrun."""
+    loop = make_loop()
+    arrived: list[Chunk] = []
+
+    def look_for_work() -> None:
+        while arrived:
+            chunk = arrived.pop()
+            loop.tell(lambda controller, now_s: controller.accept(chunk, now_s))
+
+    def be_away(until_s: float, chunk: Chunk) -> None:
+        arrived.append(chunk)
+        time.sleep(max(0.0, until_s - time.monotonic()))
+
+    loop._look_for_work = look_for_work
+    loop.start()
+    try:
+        here_um = np.tile(loop.snapshot().command_um, (50, 1))
+        begin_s = time.monotonic() + 0.05
+        first = Chunk(begin_s, 0.002, here_um, None, 0, 1, False)
+        rest = Chunk(begin_s + 0.1, 0.002, here_um, None, 50, 1, True)
+        loop.tell(lambda controller, now_s: controller.accept(first, now_s))
+        loop.tell(lambda controller, now_s: be_away(begin_s + 0.15, rest))
+        wait_until(lambda: loop.snapshot().time_s > begin_s + 0.21)
+        assert loop.snapshot().mode is Mode.HOLDING
+        assert loop.snapshot().received == 100
+        assert loop.snapshot().underruns == 0
+    finally:
+        loop.stop()
 
 
 def test_it_keeps_its_rate_and_says_how_well() -> None:

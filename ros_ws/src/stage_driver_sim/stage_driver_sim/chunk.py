@@ -81,17 +81,20 @@ class Chunk:
 
     def same_as(self, other: Chunk) -> bool:
         """Return whether `other` is a copy: equal in every field."""
-        if self.velocities_um_s is None or other.velocities_um_s is None:
-            same_velocities = self.velocities_um_s is other.velocities_um_s
-        else:
-            same_velocities = np.array_equal(self.velocities_um_s, other.velocities_um_s)
+        # almost all chunks differ in their numbers: what costs more is compared only if it may matter
         return (
-            same_velocities
-            and (self.time_s, self.period_s, self.sequence, self.stream)
-            == (other.time_s, other.period_s, other.sequence, other.stream)
+            (self.stream, self.sequence) == (other.stream, other.sequence)
+            and (self.time_s, self.period_s) == (other.time_s, other.period_s)
             and (self.last, self.guarded) == (other.last, other.guarded)
             and np.array_equal(self.positions_um, other.positions_um)
+            and _same_rows(self.velocities_um_s, other.velocities_um_s)
         )
+
+
+def _same_rows(one: NDArray[np.float64] | None, other: NDArray[np.float64] | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other)
 
 
 def _rows(field: str, values: NDArray[np.float64]) -> NDArray[np.float64]:

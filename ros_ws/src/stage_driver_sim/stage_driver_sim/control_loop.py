@@ -4,8 +4,9 @@
 Nothing else touches controller and stage while it runs. Others hand it work and read what it saw;
 they meet in a queue, and under one lock that is held for assignments only.
 
-While the stage rests on its target nothing depends on the exact moment: the loop looks after it
-every `REST_PERIOD_S`, or as soon as there is something to do.
+The stage comes first: what waits elsewhere, such as setpoints, is looked for between two ticks, so
+that reading it delays none. While the stage rests on its target nothing depends on the exact
+moment: the loop looks after it every `REST_PERIOD_S`, or as soon as there is something to do.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from stage_driver_sim.errors import StageError
 from stage_driver_sim.snapshot import Event, Mode, Snapshot
 
 LOOK_PERIOD_S = 0.002
-"""Between two looks for work that waits elsewhere [s], such as contact that stops a finger."""
+"""Between two looks for work that waits elsewhere [s], such as contact that stops a finger.
+
+A tick that is late by more comes after a look: a stream must not be called dry unseen."""
 REST_PERIOD_S = 0.005
 """Between two ticks of a stage at rest [s]: still twice for each state that is published."""
 ANSWER_TIMEOUT_S = 0.5
@@ -68,7 +71,8 @@ class ControlLoop:
     period_s : float
         Time between two ticks [s].
     look_for_work : callable
-        Called every `LOOK_PERIOD_S`, in the thread of the loop: it can `tell`; must not raise.
+        Called every `LOOK_PERIOD_S`, between two ticks, in the thread of the loop: it can `tell`;
+        must not raise.
     """
 
     def __init__(
@@ -178,13 +182,11 @@ class ControlLoop:
         rested_s = 0.0
         look_s = deadline_s
         while True:
-            self._news.clear()
-            now_s = time.monotonic()
-            if now_s >= look_s:
-                look_s = now_s + LOOK_PERIOD_S - 0.5 * self._period_s
+            self._work_off()
+            if time.monotonic() - deadline_s > LOOK_PERIOD_S:
                 self._look_for_work()
-            while self._work:
-                self._work.popleft()(self._controller, now_s)
+                self._work_off()
+            now_s = time.monotonic()
             ending = self._stopping.is_set()
             if ending:
                 self._controller.stop(now_s)
@@ -212,11 +214,21 @@ class ControlLoop:
             counted_s, counted_cpu_s = end_s, end_cpu_s
             if ending and not self._controller.moving:
                 return
+            if end_s >= look_s:
+                look_s = end_s + LOOK_PERIOD_S - 0.5 * self._period_s
+                self._look_for_work()
+                self._work_off()
             time.sleep(max(0.0, deadline_s - time.monotonic()))
             rested_s = 0.0
             if snapshot.on_target and not self._controller.moving:
                 rested_s = self._rest()
                 deadline_s += rested_s
+
+    def _work_off(self) -> None:
+        """Do what there is to do, in the order in which it was told."""
+        self._news.clear()
+        while self._work:
+            self._work.popleft()(self._controller, time.monotonic())
 
     def _rest(self) -> float:
         """Wait for something to do, or for the end of the rest; return how long it took [s]."""

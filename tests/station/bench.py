@@ -113,8 +113,9 @@ class Watcher:
 class Bench:
     """Three drivers and a twin in processes, a sequencer in this one, and a client."""
 
-    def __init__(self, folder, mesh, config=CONFIG):
+    def __init__(self, folder, mesh, config=CONFIG, environment=None):
         self.folder = folder
+        self.environment = environment or {}
         self.mesh = str(mesh)
         write_config(config, folder / 'station.yaml')
         self.commands = {command.name: command for command in node_commands(config, folder)}
@@ -151,7 +152,7 @@ class Bench:
         """Start the process of a driver or of the twin."""
         command = self.commands[name]
         log = self.folder / f'{command.name}.log'
-        return NodeProcess(command.name, command.module, command.arguments, log, {})
+        return NodeProcess(command.name, command.module, command.arguments, log, self.environment)
 
     def start_twin(self):
         """Start the process of the twin, and wait until it answers."""

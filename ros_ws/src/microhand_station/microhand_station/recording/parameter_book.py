@@ -75,8 +75,10 @@ class ParameterBook:
             if not name.startswith('_')
         }
         here = {name for name in names if name.startswith(below)}
-        for gone in self._pages.keys() - here:
-            page = self._pages.pop(gone)
+        for missing in self._pages.keys() - here:
+            if self._pages[missing].listing.service_is_ready():
+                continue  # it was cut off for a while: ROS forgot its name, but it is there
+            page = self._pages.pop(missing)
             self._node.destroy_client(page.listing)
             self._node.destroy_client(page.getting)
         for name in here - self._pages.keys():

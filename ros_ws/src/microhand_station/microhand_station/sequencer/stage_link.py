@@ -26,6 +26,10 @@ from microhand_station.sequencer.stage_watch import STAGE_MISSING, Mode, StageRe
 from microhand_station.service_call import call
 
 NS_PER_S = 1_000_000_000
+LEARN_S = 1.0
+"""How often it is looked who listens to the setpoints [s]."""
+NO_NAME = '_NODE_NAME_UNKNOWN_'
+"""What ROS calls a node whose name it does not know."""
 
 
 class StageLink:
@@ -52,6 +56,8 @@ class StageLink:
         name = f'finger_{finger}'
         self._topic = f'{name}/setpoints'
         self._setpoints = node.create_publisher(SetpointChunk, self._topic, SETPOINTS)
+        self._names: dict[bytes, str] = {}
+        node.create_timer(LEARN_S, self.listeners)
         inbox.subscribe(StageState, f'{name}/state', self._receive, STATE)
         driver = f'{name}/stage_driver'
         self._life = LifeSign(node, driver)
@@ -102,11 +108,18 @@ class StageLink:
         )
 
     def listeners(self) -> set[str]:
-        """Names of the nodes that receive the setpoints, in this publisher's view."""
+        """Names of the nodes that receive the setpoints, in this publisher's view.
+
+        A node that was frozen, or cut off, for 20 s is forgotten by DDS. When it is found again
+        its subscriptions are the same, but ROS does not learn its name any more.
+        """
         if self._setpoints.get_subscription_count() == 0:
             return set()
         infos = self._node.get_subscriptions_info_by_topic(self._setpoints.topic_name)
-        names = {info.node_name for info in infos}
+        for info in infos:
+            if info.node_name != NO_NAME:
+                self._names[bytes(info.endpoint_gid)] = info.node_name
+        names = {self._names.get(bytes(info.endpoint_gid), NO_NAME) for info in infos}
         return names if self._setpoints.get_subscription_count() >= len(infos) else set()
 
     def has_contact_sensor(self) -> bool:

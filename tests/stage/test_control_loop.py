@@ -163,7 +163,7 @@ def test_a_loop_that_was_kept_from_running_looks_before_it_calls_a_stream_dry() 
     arrived: list[Chunk] = []
 
     def look_for_work() -> None:
-        while arrived:
+        if arrived:
             chunk = arrived.pop()
             loop.tell(lambda controller, now_s: controller.accept(chunk, now_s))
 

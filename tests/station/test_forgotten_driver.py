@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A driver that was frozen, or cut off, for so long that DDS forgot it: found again, and of use."""
+"""A driver that was frozen for so long that DDS forgot it: found again, it is of use."""
 
 import os
 import signal

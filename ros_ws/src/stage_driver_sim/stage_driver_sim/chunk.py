@@ -81,7 +81,7 @@ class Chunk:
 
     def same_as(self, other: Chunk) -> bool:
         """Return whether `other` is a copy: equal in every field."""
-        # almost all chunks differ in their numbers: what costs more is compared only if it may matter
+        # almost all chunks differ in their numbers: arrays are compared only if they may be equal
         return (
             (self.stream, self.sequence) == (other.stream, other.sequence)
             and (self.time_s, self.period_s) == (other.time_s, other.period_s)

@@ -100,12 +100,15 @@ class Listener:
         self.executor.add_node(self.node)
         self.got = []
         for name in names:
-            kind, qos = (Clock, 10) if name == '/clock' else TOPICS[name]
+            kind, offered = (Clock, STATE) if name == '/clock' else TOPICS[name]
             self.node.create_subscription(
                 kind,
                 prefix + name,
                 lambda message, name=name: self.got.append((name, message)),
-                qos,
+                # deep: what a listener that is kept waiting loses is no fault of a replay
+                QoSProfile(
+                    depth=1000, durability=offered.durability, reliability=offered.reliability
+                ),
             )
 
     def of(self, name):

@@ -199,6 +199,8 @@ class Player:
         while waiting and time.monotonic() < give_up_s:
             time.sleep(min(LOOK_S, max(0.0, give_up_s - time.monotonic())))
             waiting = [one for one in waiting if not one.publisher.get_subscription_count()]
+        # a subscriber may learn of its publisher a moment later than the publisher of it
+        time.sleep(min(LOOK_S, max(0.0, give_up_s - time.monotonic())))
 
     def _round(self, replayed: dict[str, Replayed], keyboard: Keyboard) -> None:
         """Publish the record once, from the wished start on."""

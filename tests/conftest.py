@@ -54,14 +54,14 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> RealTimeApar
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give tests in real time another try.
+    """Give tests in real time two more tries.
 
     A stage that hears nothing for 50 ms holds, and its run ends: that is what it is for. A machine
     that stalls for so long does the same to a test.
     """
     for item in items:
         if in_real_time(item.nodeid):
-            item.add_marker(pytest.mark.flaky(reruns=1))
+            item.add_marker(pytest.mark.flaky(reruns=2))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

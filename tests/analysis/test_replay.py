@@ -389,19 +389,20 @@ def test_offered_qos_survives_nonsense():
 
 
 def test_damaged_records_are_replayed_or_refused_in_a_line(short, tmp_path):
-    """Random bytes flipped (seed 3), as it was written and packed: never another error."""
+    """Random bytes flipped (seeded), as it was written and packed: never another error."""
     packed, bad = tmp_path / 'packed.mcap', tmp_path / 'bad.mcap'
     recover(short, packed)
-    draw, wishes = random.Random(3), Wishes(rate=100.0, wait_s=0.0)
+    wishes = Wishes(rate=100.0, wait_s=0.0)
     played, refusals = 0, []
-    for round_ in range(24):
+    for round_ in range(48):
+        draw = random.Random(round_)  # of its own: the length of what is packed varies
         damaged = bytearray((short, packed)[round_ % 2].read_bytes())
-        for _ in range(draw.choice((1, 20, 300))):
+        for _ in range((1, 20, 300)[round_ % 3]):
             damaged[draw.randrange(8, len(damaged))] = draw.randrange(256)
         bad.write_bytes(damaged)
         try:
             played += Player(bad, record_index(bad), wishes).play().messages > 0
         except BadRequest as error:
             refusals.append(str(error))
-    assert played > 4  # how many depends on which bytes are hit
+    assert played > 20
     assert not any('\n' in refusal for refusal in refusals)

@@ -27,7 +27,7 @@ from microhand_station.service_call import call
 
 NS_PER_S = 1_000_000_000
 LEARN_S = 1.0
-"""How often it is looked who listens to the setpoints: names are learnt before they are lost [s]."""
+"""How often it is looked who listens [s]: names are learnt before they can be lost."""
 NO_NAME = '_NODE_NAME_UNKNOWN_'
 """What ROS calls a node whose name it does not know."""
 
